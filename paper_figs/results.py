@@ -1,0 +1,71 @@
+"""What the scripts of this folder share: reading the scores of a study, and a command line."""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from study.errors import BadInput, StudyError
+from study.metrics.scores import CELL, COLUMNS
+from study.paper import ENVIRONMENTS, LEVELS, MODELS
+
+
+def read_scores(results: Path) -> pd.DataFrame:
+    """The scores of all cells of a study.
+
+    Raises:
+        BadInput: there is no such folder, or no table of scores in it that can be read.
+    """
+    remedy = "run `python -m study.run all` first, or give --results another folder"
+    path = results / "scores.parquet"
+    if not results.is_dir():
+        raise BadInput(f"there is no folder {results}: {remedy}")
+    if not path.is_file():
+        raise BadInput(f"{results} holds no scores.parquet: {remedy}")
+    try:
+        scores = pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path} is not a whole Parquet file ({error}): {remedy}") from error
+    absent = [column for column in (*CELL, *COLUMNS) if column not in scores.columns]
+    if absent:
+        raise BadInput(f"{path} has no column {', '.join(absent)}: {remedy}")
+    return scores
+
+
+def in_order(names: Iterable[str], first: Sequence[str]) -> list[str]:
+    """The names, without repetition: those of `first` in its order, then the others sorted."""
+    present = set(names)
+    return [name for name in first if name in present] + sorted(present - set(first))
+
+
+def environments(scores: pd.DataFrame) -> list[str]:
+    """The environments that have scores, the paper's first."""
+    return in_order(scores["environment"], ENVIRONMENTS)
+
+
+def levels(scores: pd.DataFrame) -> list[str]:
+    """The levels that have scores, low first."""
+    return in_order(scores["level"], LEVELS)
+
+
+def models(scores: pd.DataFrame) -> list[str]:
+    """The models that have scores, the paper's first."""
+    return in_order(scores["model"], MODELS)
+
+
+def command(draw: Callable[[Path], list[Path]], about: str) -> int:
+    """The command line of a script: draw from `--results`, print what was written.
+
+    Returns the exit code: 2, after one line on standard error, if there is nothing to draw from.
+    """
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("--results", type=Path, required=True, help="folder of a study's results")
+    try:
+        for path in draw(parser.parse_args().results):
+            print(path)
+    except StudyError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0

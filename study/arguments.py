@@ -1,0 +1,221 @@
+"""From the command line and a YAML file to a checked `Config`, or to one clear line.
+
+jsonargparse reads and types the settings; what it would say in several lines, or not at all, is
+looked at first, so that every error names the setting, what was given and what is allowed.
+"""
+
+import re
+import warnings
+from argparse import ArgumentError
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonargparse import ArgumentParser
+
+from study.config import Config, check, keys
+from study.errors import BadInput, nearest
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+
+COMMANDS = {
+    "all": "run the study: whatever is not up to date, then tables, figures, recordings",
+    "plan": "say what `all` would run, and for each stage why",
+    "status": "say what is done, running or failed, with times",
+    "figures": "draw tables and figures again from the results alone",
+    "view": "open a cell's recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
+}
+
+HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--only PATTERN] [--any.setting VALUE]
+
+{commands}
+
+  --config FILE      settings; configs/quick.yaml if not given (also: smoke.yaml, paper.yaml)
+  --out DIR          where results go; results/NAME if not given
+  --only PATTERN     some cells only: 'pusher/high/*', '*/residual_vae/*'
+  --kind KIND        view: which recording, forecast (default), scores, training or tuning
+
+examples
+  python -m study.run all
+  python -m study.run plan --config configs/paper.yaml
+  python -m study.run all --only 'uav/low/*' --tune.trials 12 --engine.workers 2
+
+`python -m study.run all --help` lists every setting.
+"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the user asked for."""
+
+    command: str
+    config: Config
+    out: Path
+    only: str | None = None
+    cell: str | None = None
+    kind: str = "forecast"
+
+
+def usage() -> str:
+    """The text of ``python -m study.run --help``."""
+    width = max(map(len, COMMANDS))
+    return HELP.format(commands="\n".join(f"  {c:{width}}  {t}" for c, t in COMMANDS.items()))
+
+
+def parse(arguments: list[str]) -> Command:
+    """Read a command line (without the program's name).
+
+    Raises:
+        BadInput: anything that cannot be used, in one line.
+        SystemExit: after printing help.
+    """
+    if not arguments:
+        raise BadInput(f"a command is missing; {nearest('', COMMANDS)}; try --help")
+    command, *rest = arguments
+    if command in ("-h", "--help"):
+        print(usage())
+        raise SystemExit(0)
+    if command.startswith("-"):
+        raise BadInput(
+            f"'{command}' stands before the command; write: python -m study.run all {command} …"
+        )
+    if command not in COMMANDS:
+        raise BadInput(f"unknown command '{command}': {nearest(command, COMMANDS)}")
+    parser = _parser(command)
+    _check_flags(command, rest)
+    given = _flag(rest, "--config")
+    _check_file(Path(given) if given else CONFIGS / "quick.yaml")
+    if given is None:
+        rest = ["--config", str(CONFIGS / "quick.yaml"), *rest]
+    config, namespace = _read(parser, rest)
+    check(config)
+    out = Path(namespace.out) if namespace.out else Path("results") / config.name
+    extra = {"cell": namespace.cell, "kind": namespace.kind} if command == "view" else {}
+    return Command(command, config, out, namespace.only, **extra)
+
+
+def _parser(command: str) -> ArgumentParser:
+    parser = ArgumentParser(
+        prog=f"python -m study.run {command}", description=COMMANDS[command], exit_on_error=False
+    )
+    if command == "view":
+        parser.add_argument("cell", help="such as pusher/low/residual_vae/seed-0")
+        parser.add_argument("--kind", default="forecast", help="forecast, scores, training, tuning")
+    parser.add_argument("--config", action="config", help="YAML file; configs/quick.yaml by default")
+    parser.add_argument("--out", help="results folder; results/NAME by default")
+    parser.add_argument("--only", help="cells whose name matches, such as 'pusher/high/*'")
+    parser.add_class_arguments(Config, None)
+    return parser
+
+
+def _read(parser: ArgumentParser, arguments: list[str]) -> tuple[Config, Any]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            namespace = parser.parse_args(arguments)
+            built = parser.instantiate(namespace)
+    except ArgumentError as error:
+        raise BadInput(_one_line(error)) from None
+    return Config(**{entry.name: getattr(built, entry.name) for entry in fields(Config)}), namespace
+
+
+def _one_line(error: ArgumentError) -> str:
+    """`tune.trials: got 'abc'; it must be a whole number`."""
+    text = " ".join(str(error).split())
+    found = re.search(r'Parser key "([\w.]+)".*(?:Got|Given) value: (.*)$', text)
+    if not found or found.group(1) not in keys():
+        return text
+    name, value = found.groups()
+    return f"{name}: got '{value}'; it must be {_kind(name)}"
+
+
+def _kind(name: str) -> str:
+    """What a setting's type allows, in words."""
+    owner: Any = Config()
+    *path, last = name.split(".")
+    for step in path:
+        owner = getattr(owner, step)
+    annotation = next(entry.type for entry in fields(owner) if entry.name == last)
+    return {
+        "int": "a whole number",
+        "float": "a number",
+        "str": "a name",
+        "int | None": "a whole number or null",
+        "tuple[int, ...]": "a list of whole numbers, such as [0, 1]",
+        "tuple[str, ...]": "a list of names, such as [a, b]",
+    }[annotation if isinstance(annotation, str) else _spell(annotation)]
+
+
+def _spell(annotation: Any) -> str:
+    return annotation.__name__ if isinstance(annotation, type) else str(annotation)
+
+
+def _check_flags(command: str, arguments: list[str]) -> None:
+    """Every flag is one that the command knows, and stands before a value."""
+    known = ["--config", "--out", "--only", "--help", *(f"--{key}" for key in keys())]
+    if command == "view":
+        known.append("--kind")
+    for position, argument in enumerate(arguments):
+        flag, has_value, _ = argument.partition("=")
+        if not flag.startswith("--"):
+            continue
+        if flag not in known:
+            raise BadInput(f"unknown setting '{flag[2:]}': {_nearest_key(flag[2:])}")
+        following = arguments[position + 1 : position + 2]
+        if flag != "--help" and not has_value and (not following or following[0][:2] == "--"):
+            raise BadInput(f"{flag[2:]}: its value is missing; write {flag} VALUE")
+
+
+def _nearest_key(name: str) -> str:
+    """The nearest settings: all of them would be a long line."""
+    every = list(keys())
+    section, _, last = name.rpartition(".")
+    same_ending = [key for key in every if key.rpartition(".")[2] == last]
+    siblings = [key for key in every if section and key.startswith(section + ".")]
+    return nearest(name, same_ending or siblings or sorted({key.partition(".")[0] for key in every}))
+
+
+def _flag(arguments: list[str], flag: str) -> str | None:
+    """The value of `--flag VALUE` or `--flag=VALUE`."""
+    for position, argument in enumerate(arguments):
+        if argument == flag and position + 1 < len(arguments):
+            return arguments[position + 1]
+        if argument.startswith(flag + "="):
+            return argument.partition("=")[2]
+    return None
+
+
+def _check_file(path: Path) -> None:
+    """The file is there, is YAML, is a mapping, and knows only our settings."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        there = sorted(str(p) for p in path.parent.glob("*.yaml"))
+        hint = nearest(str(path), there) if there else f"there is no YAML file in {path.parent}"
+        raise BadInput(f"--config: no file '{path}'; {hint}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"--config: cannot read '{path}': {error}") from None
+    except yaml.YAMLError as error:
+        where = " ".join(str(error).split())
+        raise BadInput(f"--config: '{path}' is not YAML: {where}") from None
+    if not isinstance(content, dict):
+        raise BadInput(f"--config: '{path}' holds no settings; write lines such as 'name: quick'")
+    _check_names(content, Config(), "", path)
+
+
+def _check_names(content: dict[Any, Any], section: Any, prefix: str, path: Path) -> None:
+    names = [entry.name for entry in fields(section)]
+    for key, value in content.items():
+        name = f"{prefix}{key}"
+        if key not in names:
+            full = [prefix + known for known in names]
+            raise BadInput(f"unknown setting '{name}' in {path}: {nearest(name, full)}")
+        default = getattr(section, key)
+        if is_dataclass(default):
+            if not isinstance(value, dict):
+                raise BadInput(
+                    f"{name} in {path}: got '{value}'; it must be a section of settings, "
+                    f"such as {next(iter(keys(type(default))))}"
+                )
+            _check_names(value, default, f"{name}.", path)

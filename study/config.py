@@ -1,0 +1,288 @@
+"""Every setting of the study: frozen dataclasses, one for each stage, and what each one allows.
+
+The defaults are those of ``configs/quick.yaml``. A YAML file or a dotted flag
+(``--tune.trials 12``) changes them; `check` refuses what cannot work, before anything is written.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+from study.errors import BadInput, nearest
+
+
+def setting(default: Any, **allowed: Any) -> Any:
+    """A field with its bounds: `low`, `high` (both allowed) or `choices`."""
+    return field(default=default, metadata=allowed)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Which cells the study has: environment × epistemic level × model × seed.
+
+    Args:
+        environments: real systems, by their registered names.
+        levels: epistemic levels: `low` has all the data, `high` a tenth of it.
+        models: models, by their registered names.
+        seeds: initialisations, orders of data, and (level high) which tenth of the data.
+    """
+
+    environments: tuple[str, ...] = ("pusher", "uav")
+    levels: tuple[str, ...] = ("low", "high")
+    models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp")
+    seeds: tuple[int, ...] = setting((0,), low=0)
+
+
+@dataclass(frozen=True)
+class Collect:
+    """The observed data of one environment (stage collect).
+
+    Args:
+        trajectories: training trajectories of level low.
+        reduction: level high has trajectories / reduction of them (the paper's 10).
+        validation: trajectories for early stopping and tuning, the same for both levels.
+        scenarios: test scenarios (the paper's 250).
+        rollouts: observed rollouts K of each test scenario.
+        horizon: control steps T; null is the environment's own (120 and 60).
+        seed: names the data sets; the same for every cell.
+    """
+
+    trajectories: int = setting(3000, low=2)
+    reduction: int = setting(10, low=1)
+    validation: int = setting(256, low=2)
+    scenarios: int = setting(250, low=2)
+    rollouts: int = setting(50, low=2)
+    horizon: int | None = setting(None, low=2)
+    seed: int = setting(0, low=0)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """The M recurrent networks that carry the epistemic part (section III-A).
+
+    Args:
+        members: M.
+        hidden_size: width of each member's GRU.
+        steps: optimiser steps at most.
+        batch_size: trajectories in a batch, of each member.
+        learning_rate: of Adam, at its peak (one-cycle schedule).
+        validate_every: steps between two looks at the validation data.
+        patience: looks without improvement before training stops.
+    """
+
+    members: int = setting(5, low=1)
+    hidden_size: int = setting(64, low=1)
+    steps: int = setting(1000, low=1)
+    batch_size: int = setting(64, low=1)
+    learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
+    validate_every: int = setting(50, low=1)
+    patience: int = setting(6, low=1)
+
+
+@dataclass(frozen=True)
+class Tune:
+    """The search for β (stage tune), on validation forecasts.
+
+    Args:
+        trials: values of β tried.
+        beta_low: smallest β.
+        beta_high: largest β; the search is uniform in log β.
+        steps: optimiser steps of a trial at most.
+        reports: times a trial reports its score, and may be pruned.
+        validation: validation trajectories forecast at each report.
+        samples: forecasts of each.
+    """
+
+    trials: int = setting(4, low=1)
+    beta_low: float = setting(1e-4, low=1e-12)
+    beta_high: float = setting(1.0, low=1e-12)
+    steps: int = setting(150, low=1)
+    reports: int = setting(3, low=1)
+    validation: int = setting(64, low=2)
+    samples: int = setting(16, low=2)
+
+
+@dataclass(frozen=True)
+class Vae:
+    """The two recurrent conditional VAEs (section III-B).
+
+    Args:
+        hidden_size: width of the encoder's and the decoder's GRU.
+        latent_size: components of z_t.
+        feeding: the decoder's state history in training: its own predictions (`free`), the true
+            states (`teacher`), or the true ones given way to its own (`schedule`).
+        output: the decoder's output: the target itself (`direct`) or its change (`increment`).
+        encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
+            eq. (12) is written (`history`).
+        member: m is drawn for each trajectory of a batch (`sample`) or once for all (`batch`).
+    """
+
+    hidden_size: int = setting(64, low=1)
+    latent_size: int = setting(8, low=1)
+    feeding: str = setting("free", choices=("free", "teacher", "schedule"))
+    output: str = setting("direct", choices=("direct", "increment"))
+    encoder: str = setting("target", choices=("target", "history"))
+    member: str = setting("sample", choices=("sample", "batch"))
+
+
+@dataclass(frozen=True)
+class Mlp:
+    """The probabilistic MLP (section III-C).
+
+    Args:
+        hidden_size: width of each hidden layer.
+        layers: hidden layers.
+    """
+
+    hidden_size: int = setting(128, low=1)
+    layers: int = setting(3, low=1)
+
+
+@dataclass(frozen=True)
+class Train:
+    """How the models of the cells are fitted (stage train).
+
+    Args:
+        steps: optimiser steps at most.
+        batch_size: trajectories in a batch.
+        learning_rate: of Adam, at its peak (one-cycle schedule).
+        validate_every: steps between two looks at the validation score.
+        patience: looks without improvement before training stops.
+        accelerator: Lightning's: `auto` takes a GPU where there is one.
+    """
+
+    steps: int = setting(600, low=1)
+    batch_size: int = setting(64, low=1)
+    learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
+    validate_every: int = setting(50, low=1)
+    patience: int = setting(8, low=1)
+    accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Forecasts of the test scenarios and their scores (stage evaluate).
+
+    Args:
+        samples: forecasts K of each scenario.
+        bandwidth: factor on the Gaussian kernel's bandwidth (1 is the median heuristic).
+        picks: scenarios whose forecasts are kept for the recordings.
+    """
+
+    samples: int = setting(50, low=2)
+    bandwidth: float = setting(1.0, low=1e-3, high=1e3)
+    picks: int = setting(8, low=1)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where the stages run. No number depends on it, except on `threads` by rounding.
+
+    Args:
+        kind: `serial` (in this process) or `dask` (local worker processes).
+        workers: worker processes; 0 is one for each `threads` cores.
+        threads: CPU threads of each stage, whatever the number of workers.
+    """
+
+    kind: str = setting("dask", choices=("serial", "dask"))
+    workers: int = setting(0, low=0)
+    threads: int = setting(1, low=1)
+
+
+@dataclass(frozen=True)
+class Config:
+    """The whole study.
+
+    Args:
+        name: names the results folder, results/NAME.
+        plugins: Python modules that register environments or models of your own.
+        grid: which cells there are.
+        collect: observed data.
+        ensemble: the ensemble of recurrent networks.
+        tune: the search for beta.
+        vae: the residual VAE and the full VAE.
+        mlp: the probabilistic MLP.
+        train: fitting a cell's model.
+        evaluate: forecasts and scores.
+        engine: where stages run.
+    """
+
+    name: str = "quick"
+    plugins: tuple[str, ...] = ()
+    grid: Grid = Grid()
+    collect: Collect = Collect()
+    ensemble: Ensemble = Ensemble()
+    tune: Tune = Tune()
+    vae: Vae = Vae()
+    mlp: Mlp = Mlp()
+    train: Train = Train()
+    evaluate: Evaluate = Evaluate()
+    engine: Engine = Engine()
+
+
+def keys(section: type = Config, prefix: str = "") -> Iterator[str]:
+    """The dotted name of every setting: ``name``, ``grid.environments``, …"""
+    for entry in fields(section):
+        default = entry.default
+        if is_dataclass(default):
+            yield from keys(type(default), f"{prefix}{entry.name}.")
+        else:
+            yield prefix + entry.name
+
+
+def check(config: Any, prefix: str = "") -> None:
+    """Refuse values out of bounds.
+
+    Raises:
+        BadInput: names the setting, what was given and what is allowed.
+    """
+    for entry in fields(config):
+        value, name = getattr(config, entry.name), prefix + entry.name
+        if is_dataclass(value):
+            check(value, name + ".")
+            continue
+        values = value if isinstance(value, tuple) else (value,)
+        if isinstance(value, tuple) and entry.name != "plugins":
+            if not value:
+                raise BadInput(f"{name}: got an empty list; give at least one value")
+            if len(set(value)) < len(value):
+                raise BadInput(f"{name}: got {list(value)}; each value may stand there once")
+        for item in values:
+            _check_value(name, item, **entry.metadata)
+    if isinstance(config, Config):
+        _check_together(config)
+
+
+def _check_value(
+    name: str, value: Any, low: Any = None, high: Any = None, choices: tuple[str, ...] = ()
+) -> None:
+    if value is None:
+        return
+    if choices and value not in choices:
+        raise BadInput(f"{name}: got '{value}'; {nearest(str(value), choices)}")
+    # `not (…)` so that nan is refused as well.
+    if (low is not None and not value >= low) or (high is not None and not value <= high):
+        bounds = f"at least {low}" if high is None else f"between {low} and {high}"
+        raise BadInput(f"{name}: got {value}; it must be {bounds}")
+
+
+def _check_together(config: Config) -> None:
+    """What one setting asks of another."""
+    for level in config.grid.levels:
+        if level not in ("low", "high"):
+            raise BadInput(f"grid.levels: got '{level}'; {nearest(level, ('low', 'high'))}")
+    tune, collect = config.tune, config.collect
+    if tune.beta_low > tune.beta_high:
+        raise BadInput(
+            f"tune.beta_low: got {tune.beta_low}; it must be at most tune.beta_high, "
+            f"{tune.beta_high}"
+        )
+    if tune.reports > tune.steps:
+        raise BadInput(f"tune.reports: got {tune.reports}; at most tune.steps, {tune.steps}")
+    if collect.trajectories // collect.reduction < 2:
+        raise BadInput(
+            f"collect.trajectories: got {collect.trajectories}; level high needs at least 2, so "
+            f"at least {2 * collect.reduction} with collect.reduction {collect.reduction}"
+        )
+    if not config.name or "/" in config.name or config.name.startswith("."):
+        raise BadInput(f"name: got '{config.name}'; it names a folder: letters, digits, - and _")

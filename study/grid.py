@@ -1,0 +1,58 @@
+"""The cells of the study: environment × epistemic level × model × seed."""
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import product
+
+from study.config import Config
+from study.errors import BadInput, nearest
+
+# Reference forecasters, scored by the same code as every model.
+REFERENCES = ("oracle", "ensemble")
+
+
+@dataclass(frozen=True, order=True)
+class Cell:
+    """One model, trained on one amount of data of one environment, with one seed."""
+
+    environment: str
+    level: str
+    model: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """`pusher/low/residual_vae/seed-0`: the cell's path, wherever it leaves something."""
+        return f"{self.environment}/{self.level}/{self.model}/seed-{self.seed}"
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether this is the oracle or the ensemble alone."""
+        return self.model in REFERENCES
+
+
+def cells(config: Config) -> list[Cell]:
+    """Every cell of the grid, the models first and the references after them."""
+    grid = config.grid
+    return [
+        Cell(environment, level, model, seed)
+        for environment, level, seed in product(grid.environments, grid.levels, grid.seeds)
+        for model in (*grid.models, *REFERENCES)
+    ]
+
+
+def select(every: list[Cell], only: str | None) -> list[Cell]:
+    """The cells whose name matches the pattern `only`, such as ``pusher/high/*``.
+
+    Raises:
+        BadInput: none matches.
+    """
+    if only is None:
+        return every
+    chosen = [
+        cell for cell in every if fnmatchcase(cell.name, only) or fnmatchcase(cell.name, only + "/*")
+    ]
+    if not chosen:
+        names = [cell.name for cell in every]
+        raise BadInput(f"--only: no cell matches '{only}'; {nearest(only, names)}")
+    return chosen

@@ -1,0 +1,11 @@
+"""The forecasters. Every module in this folder registers itself when it is imported."""
+
+import importlib
+import pkgutil
+
+from study.models.forecaster import Forecaster, Model, models
+
+__all__ = ["Forecaster", "Model", "models"]
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")

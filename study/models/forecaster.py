@@ -1,0 +1,170 @@
+"""The contract of a model: what the study asks of anything that forecasts."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar, Protocol
+
+import lightning as L
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from study.data.scaling import Floats, Scaling
+from study.registry import Registry
+from study.seeds import Seeds, spawn
+
+# Score of forecasts [V, K, T, D] against observed [V, L, T, D], SI units; smaller is better.
+ValidationScore = Callable[[Floats, Floats], float]
+
+# Forecast rows (scenario × sample) that are computed at once: bounds the memory.
+ROWS_AT_ONCE = 8192
+
+
+class Forecaster(Protocol):
+    """Samples from p(s_{1:T} | s_0; a_{0:T-1}), equation (2)."""
+
+    def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
+        """K forecast trajectories of each scenario, equation (3).
+
+        Args:
+            s0: [S, D] in SI units.
+            actions: [S, T, A] in SI units.
+            samples: K.
+            seeds: [S], one for each scenario: its forecasts depend on its own seed alone, not on
+                the other scenarios, their number or their order.
+
+        Returns:
+            [S, K, T, D] float32 in SI units.
+        """
+        ...
+
+
+class Model(L.LightningModule):
+    """A forecaster that is fitted: a Lightning module that works in standard units.
+
+    A subclass gives a `training_step` and `sample`; it is entered with ``@models.register(NAME)``.
+
+    Args:
+        scaling: standard units, kept with the weights.
+        settings: the sections of the configuration that the class names in `sections`.
+        horizon: T.
+        beta: weight of the KL term, for a class with `tunes_beta`.
+        ensemble: the fitted ensemble, for a class with `uses_ensemble`.
+    """
+
+    # Part of every artifact's key: raise it whenever what is learned from the same data changes.
+    version: ClassVar[int] = 1
+    tunes_beta: ClassVar[bool] = False
+    uses_ensemble: ClassVar[bool] = False
+    sections: ClassVar[tuple[str, ...]] = ("train",)
+    noise_size: int
+    """Standard normal numbers that one sample takes at one step."""
+    state_mean: Tensor
+    state_scale: Tensor
+    action_mean: Tensor
+    action_scale: Tensor
+    change_scale: Tensor
+
+    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
+        super().__init__()
+        for name, values in vars(scaling).items():
+            self.register_buffer(name, torch.from_numpy(np.array(values)))
+        self.state_size, self.action_size = len(scaling.state_mean), len(scaling.action_mean)
+        self.settings = settings
+        self.validation_score: ValidationScore | None = None
+        self.validation_samples, self.validation_seed = 16, 0
+
+    @abstractmethod
+    def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
+        """Forecasts in standard units.
+
+        Args:
+            s0: [R, D].
+            actions: [R, T, A].
+            noise: [R, T, `noise_size`], standard normal.
+            member: [R] integers, the ensemble member of each row (where there is an ensemble).
+
+        Returns:
+            [R, T, D]
+        """
+
+    def members_count(self) -> int:
+        """M; 1 where there is no ensemble."""
+        return 1
+
+    @torch.no_grad()
+    def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
+        """See `Forecaster.forecast`."""
+        standard_s0, standard_actions = self.standard(
+            torch.from_numpy(s0), torch.from_numpy(actions)
+        )
+        rows = max(1, ROWS_AT_ONCE // samples)
+        parts = []
+        for start in range(0, len(s0), rows):
+            chunk = slice(start, start + rows)
+            noise = draw_noise(seeds[chunk], samples, actions.shape[1], self.noise_size)
+            member = draw_members(seeds[chunk], samples, self.members_count())
+            forecasts = self.sample(
+                standard_s0[chunk].repeat_interleave(samples, dim=0),
+                standard_actions[chunk].repeat_interleave(samples, dim=0),
+                torch.from_numpy(noise).flatten(0, 1).to(self.device),
+                torch.from_numpy(member).flatten().to(self.device),
+            )
+            forecasts = forecasts.float() * self.state_scale + self.state_mean
+            parts.append(forecasts.unflatten(0, (-1, samples)).cpu().numpy())
+        return np.concatenate(parts)
+
+    def standard(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """s_0 [..., D] and actions [..., A] in standard units, where the weights are."""
+        states = (s0.to(self.device) - self.state_mean) / self.state_scale
+        return states, (actions.to(self.device) - self.action_mean) / self.action_scale
+
+    def validation_step(self, batch: dict[str, Tensor]) -> None:
+        """Score free-running forecasts, the same noise at every look."""
+        if self.validation_score is None:
+            raise RuntimeError("set validation_score before fitting")
+        s0, actions, observed = (
+            batch[name].cpu().numpy() for name in ("s0", "actions", "observed")
+        )
+        seeds = spawn(self.validation_seed, len(s0))
+        forecasts = self.forecast(s0, actions, self.validation_samples, seeds)
+        score = self.validation_score(forecasts, observed)
+        self.log("validation_score", score, batch_size=len(s0))
+
+    def configure_optimizers(self) -> Any:
+        """Adam with a one-cycle schedule over the steps allowed."""
+        train = self.settings["train"]
+        wanted = [p for p in self.parameters() if p.requires_grad]
+        return adam(wanted, train["learning_rate"], train["steps"])
+
+
+def adam(parameters: Any, learning_rate: float, steps: int) -> Any:
+    """Adam, its rate rising over the first tenth of the steps and then falling to nearly nothing."""
+    optimizer = torch.optim.Adam(parameters, lr=learning_rate)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1
+    )
+    return {
+        "optimizer": optimizer,
+        "lr_scheduler": {"scheduler": schedule, "interval": "step"},
+    }
+
+
+def draw_noise(seeds: Seeds, samples: int, horizon: int, size: int) -> Floats:
+    """Standard normal numbers [S, K, T, size]; those of a scenario come from its seed alone."""
+    noise = np.empty((len(seeds), samples, horizon, size), np.float32)
+    for scenario, seed in enumerate(seeds):
+        generator = np.random.default_rng([int(seed), 0])
+        generator.standard_normal(dtype=np.float32, out=noise[scenario])
+    return noise
+
+
+def draw_members(seeds: Seeds, samples: int, members: int) -> NDArray[np.int64]:
+    """m ~ U{0 … M−1} for each sample, kept over the horizon: [S, K] (Algorithm 1, line 4)."""
+    return np.stack(
+        [np.random.default_rng([int(seed), 1]).integers(members, size=samples) for seed in seeds]
+    )
+
+
+models: Registry[type[Model]] = Registry("model")

@@ -1,0 +1,67 @@
+"""The probabilistic MLP (section III-C; Kendall and Gal 2017; Chua et al. 2018)."""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from study.data.scaling import Scaling
+from study.models.forecaster import Model, models
+
+
+@models.register("probabilistic_mlp")
+class ProbabilisticMlp(Model):
+    """s_{t+1} ~ N(s_t + μ(s_t, a_t), σ²(s_t, a_t)), sampled and fed back.
+
+    μ and σ are in units of the change from one step to the next, since some components change
+    hundreds of times less in a step than they vary. log σ² is bounded softly, as in Chua et al.
+
+    Args:
+        scaling: standard units.
+        settings: the sections `mlp` and `train` of the configuration.
+    """
+
+    sections = ("mlp", "train")
+
+    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
+        super().__init__(scaling, settings)
+        self.noise_size = self.state_size
+        width, layers = settings["mlp"]["hidden_size"], settings["mlp"]["layers"]
+        sizes = [self.state_size + self.action_size, *[width] * layers]
+        stack: list[nn.Module] = []
+        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+            stack += [nn.Linear(inputs, outputs), nn.SiLU()]
+        self.network = nn.Sequential(*stack, nn.Linear(width, 2 * self.state_size))
+        self.highest = nn.Parameter(torch.full((self.state_size,), 1.0))
+        self.lowest = nn.Parameter(torch.full((self.state_size,), -12.0))
+
+    def forward(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log variance of (s_{t+1} − s_t) / change_scale, each [..., D]."""
+        mean, log_variance = self.network(torch.cat([state, action], -1)).chunk(2, dim=-1)
+        log_variance = self.highest - functional.softplus(self.highest - log_variance)
+        log_variance = self.lowest + functional.softplus(log_variance - self.lowest)
+        return mean, log_variance
+
+    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+        """−log p(s_{t+1} | s_t, a_t), averaged over transitions."""
+        states = batch["states"]
+        mean, log_variance = self(states[:, :-1], batch["actions"])
+        change = (states[:, 1:] - states[:, :-1]) / self.change_scale
+        squares = (change - mean).square() * torch.exp(-log_variance)
+        likelihood = 0.5 * (squares + log_variance + math.log(2 * math.pi)).sum(-1).mean()
+        # Draws the bounds towards what the data need (Chua et al. 2018, appendix A.1).
+        loss = likelihood + 0.01 * (self.highest.sum() - self.lowest.sum())
+        self.log_dict({"loss": loss.detach(), "loss/negative_log_likelihood": likelihood.detach()})
+        return loss
+
+    def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
+        """See `Model.sample`: ancestral sampling, one step at a time."""
+        state, states = s0, []
+        for action, draw in zip(actions.unbind(1), noise.unbind(1), strict=True):
+            mean, log_variance = self(state, action)
+            change = mean + torch.exp(0.5 * log_variance) * draw
+            state = state + change * self.change_scale
+            states.append(state)
+        return torch.stack(states, dim=1)

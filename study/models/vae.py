@@ -1,0 +1,90 @@
+"""What the residual VAE and the full VAE share: how the recurrent CVAE is fitted and sampled."""
+
+from abc import abstractmethod
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from study.data.scaling import Scaling
+from study.models.cvae import RecurrentCvae
+from study.models.forecaster import Model
+
+
+class Vae(Model):
+    """A recurrent conditional VAE on a baseline; a subclass says which baseline.
+
+    Args:
+        scaling: standard units.
+        settings: the sections `vae` and `train` of the configuration.
+        beta: β of equation (12).
+        extra_conditions: size of what the decoder sees beside the actions.
+    """
+
+    tunes_beta = True
+    sections = ("vae", "train")
+
+    def __init__(
+        self, scaling: Scaling, settings: dict[str, Any], beta: float, extra_conditions: int = 0
+    ) -> None:
+        super().__init__(scaling, settings)
+        vae = settings["vae"]
+        self.beta, self.noise_size = beta, vae["latent_size"]
+        self.cvae = RecurrentCvae(
+            self.state_size,
+            self.action_size + extra_conditions,
+            vae["hidden_size"],
+            vae["latent_size"],
+            increments=vae["output"] == "increment",
+            sees_target=vae["encoder"] == "target",
+        )
+
+    @abstractmethod
+    def conditions(
+        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """The baseline b_{0:T} [B, T+1, D] and the decoder's condition [B, T, C].
+
+        Args:
+            s0: [B, D].
+            actions: [B, T, A].
+            member: m [B].
+            members: [B, M, T, D], the ensemble's forecasts where they are at hand.
+        """
+
+    def draw_training_members(self, count: int, device: torch.device) -> Tensor:
+        """m [B] for a training batch (Algorithm 1, line 4)."""
+        size = 1 if self.settings["vae"]["member"] == "batch" else count
+        return torch.randint(self.members_count(), (size,), device=device).expand(count)
+
+    def own_share(self) -> float:
+        """Share of steps at which the decoder in training is fed its own prediction."""
+        feeding = self.settings["vae"]["feeding"]
+        if feeding == "schedule":
+            # Linear over the first half of training, then free running.
+            return min(1.0, 2 * self.global_step / self.settings["train"]["steps"])
+        return 1.0 if feeding == "free" else 0.0
+
+    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+        """One batch of Algorithm 1."""
+        states, actions = batch["states"], batch["actions"]
+        s0, truth = states[:, 0], states[:, 1:]
+        member = self.draw_training_members(len(s0), s0.device)
+        baseline, condition = self.conditions(s0, actions, member, batch.get("members"))
+        target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
+        mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
+        latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
+        prediction = self.cvae.decode(
+            s0, baseline, condition, latent, states[:, :-1], self.own_share()
+        )
+        loss, likelihood, divergence = self.cvae.loss(
+            prediction, truth, mean, log_variance, self.beta
+        )
+        parts = {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
+        self.log_dict({name: value.detach() for name, value in parts.items()})
+        return loss
+
+    def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
+        """See `Model.sample`: z_t from the prior, the decoder fed its own predictions."""
+        baseline, condition = self.conditions(s0, actions, member, None)
+        return self.cvae.decode(s0, baseline, condition, noise)

@@ -1,0 +1,150 @@
+"""Which stages a cell needs, what each one depends on, and which of them have to run.
+
+    collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
+
+A task depends on the settings that it is given here and on the tasks before it, and on nothing
+else; what several cells share (data, an ensemble) is one task.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from study.artifacts import Store, Task
+from study.config import Config
+from study.envs import simulators
+from study.grid import Cell
+from study.models import models
+from study.seeds import derive
+
+# Raise a stage's number whenever its code changes what it writes.
+STAGE_VERSIONS = {
+    "collect": 1,
+    "ensemble": 1,
+    "tune": 1,
+    "train": 1,
+    "evaluate": 1,
+    "record": 1,
+}
+
+
+class Pipeline:
+    """The tasks of a study.
+
+    Raises:
+        BadInput: an environment or a model is unknown.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        for environment in config.grid.environments:
+            simulators[environment]
+        for model in config.grid.models:
+            models[model]
+
+    def collect(self, environment: str) -> Task:
+        """The data of one environment, shared by all its cells."""
+        settings = {
+            "environment": environment,
+            "environment_version": simulators[environment].version,
+            "collect": asdict(self.config.collect),
+        }
+        return self._task("collect", environment, settings)
+
+    def ensemble(self, cell: Cell) -> Task:
+        """The M networks of one environment, level and seed."""
+        label = f"{cell.environment}/{cell.level}/seed-{cell.seed}"
+        settings = self._training_set(cell) | {
+            "seed": derive(label, "ensemble"),
+            "ensemble": asdict(self.config.ensemble),
+        }
+        return self._task("ensemble", label, settings, data=self.collect(cell.environment))
+
+    def tune(self, cell: Cell) -> Task:
+        """The search for β of one cell."""
+        settings = self._model(cell, "tune") | {"tune": asdict(self.config.tune)}
+        return self._task("tune", cell.name, settings, **self._sources(cell))
+
+    def train(self, cell: Cell) -> Task:
+        """The fit of one cell's model."""
+        inputs = self._sources(cell)
+        if models[cell.model].tunes_beta:
+            inputs["tuning"] = self.tune(cell)
+        return self._task("train", cell.name, self._model(cell, "train"), **inputs)
+
+    def evaluate(self, cell: Cell) -> Task:
+        """Forecasts of the test scenarios and their scores."""
+        settings = {
+            "environment": cell.environment,
+            "environment_version": simulators[cell.environment].version,
+            "model": cell.model,
+            # The oracle is the same at both levels; its folder is then the same, too.
+            "seed": derive(cell.environment, cell.model, cell.seed, "forecasts"),
+            "evaluate": asdict(self.config.evaluate),
+        }
+        inputs = {"data": self.collect(cell.environment)}
+        if cell.model == "ensemble":
+            inputs["ensemble"] = self.ensemble(cell)
+        elif not cell.is_reference:
+            inputs["trained"] = self.train(cell)
+            if models[cell.model].uses_ensemble:
+                inputs["ensemble"] = self.ensemble(cell)
+        label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
+        return self._task("evaluate", label, settings, **inputs)
+
+    def record(self, cell: Cell) -> Task:
+        """The cell's Rerun recordings."""
+        inputs = {"data": self.collect(cell.environment), "evaluation": self.evaluate(cell)}
+        if cell.model == "ensemble":
+            inputs["ensemble"] = self.ensemble(cell)
+        elif not cell.is_reference:
+            inputs["trained"] = self.train(cell)
+            if models[cell.model].tunes_beta:
+                inputs["tuning"] = self.tune(cell)
+        return self._task("record", cell.name, asdict(cell), **inputs)
+
+    def tasks(self, cells: Iterable[Cell]) -> list[Task]:
+        """Everything that these cells need, each once, a task after all that it reads."""
+        ordered: dict[Task, None] = {}
+
+        def visit(task: Task) -> None:
+            for source in task.inputs.values():
+                visit(source)
+            ordered.setdefault(task)
+
+        for cell in cells:
+            visit(self.record(cell))
+        return list(ordered)
+
+    def _training_set(self, cell: Cell) -> dict[str, Any]:
+        """Which trajectories: all, or (level high) the seed's own tenth of them."""
+        collect = self.config.collect
+        if cell.level == "low":
+            return {"first": 0, "trajectories": collect.trajectories}
+        count = collect.trajectories // collect.reduction
+        return {"first": cell.seed % collect.reduction * count, "trajectories": count}
+
+    def _model(self, cell: Cell, purpose: str) -> dict[str, Any]:
+        model = models[cell.model]
+        config = asdict(self.config)
+        return self._training_set(cell) | {
+            "model": cell.model,
+            "model_version": model.version,
+            "seed": derive(cell.name, purpose),
+            "sections": {name: config[name] for name in model.sections},
+        }
+
+    def _sources(self, cell: Cell) -> dict[str, Task]:
+        sources = {"data": self.collect(cell.environment)}
+        if models[cell.model].uses_ensemble:
+            sources["ensemble"] = self.ensemble(cell)
+        return sources
+
+    def _task(self, stage: str, label: str, settings: dict[str, Any], **inputs: Task) -> Task:
+        settings = settings | {"stage_version": STAGE_VERSIONS[stage]}
+        return Task(stage, label, settings, inputs, self.config.plugins)
+
+
+def plan(tasks: Iterable[Task], store: Store) -> dict[Task, str | None]:
+    """For each task, why it has to run; None where it is up to date."""
+    return {task: store.why_not(task) for task in tasks}

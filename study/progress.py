@@ -1,0 +1,44 @@
+"""How a stage tells how far it is: one small file, rewritten, that anyone may read."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+
+class Progress:
+    """Called by a stage with the fraction done, in [0, 1], and what it is doing.
+
+    Args:
+        path: the file to rewrite; None keeps quiet.
+        start, share: this reports a part of something longer, from `start` on.
+    """
+
+    def __init__(self, path: Path | None = None, start: float = 0.0, share: float = 1.0) -> None:
+        self.path, self.start, self.share = path, start, share
+        self._last = 0.0
+
+    def __call__(self, fraction: float, message: str = "") -> None:
+        now = time.monotonic()
+        if self.path is None or (now - self._last < 0.25 and fraction < 1):
+            return
+        self._last = now
+        state = {"fraction": self.start + self.share * min(fraction, 1.0), "message": message}
+        temporary = self.path.with_suffix(".new")
+        temporary.write_text(json.dumps(state))
+        temporary.replace(self.path)
+
+    def part(self, start: float, end: float) -> "Progress":
+        """The progress of a part that lasts from `start` to `end` of the whole."""
+        return Progress(
+            self.path, self.start + self.share * start, self.share * (end - start)
+        )
+
+
+def read_progress(path: Path) -> dict[str, Any]:
+    """The last `{"fraction", "message"}`; nothing if there is none."""
+    try:
+        state = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return state if isinstance(state, dict) else {}

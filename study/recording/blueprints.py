@@ -1,0 +1,187 @@
+"""What each kind of recording looks like when it is opened: its views, and its timeline."""
+
+from collections.abc import Mapping, Sequence
+
+import rerun.blueprint as rrb
+
+from study.recording import charts
+from study.recording.properties import README
+
+Range = tuple[float, float]
+
+# Which view of a training recording a metric belongs to: the first whose words its name contains.
+_TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("KL divergence [nat]", ("kl",)),
+    ("Learning rate", ("lr", "learning_rate")),
+    ("Gradient norm", ("grad",)),
+    ("Validation", ("val", "score")),
+    ("Loss", ("loss", "nll", "reconstruction", "likelihood")),
+    ("Progress", ("epoch",)),
+)
+
+
+def blueprint(
+    timeline: str, *views: rrb.View | rrb.Container, playing: bool = False
+) -> rrb.Blueprint:
+    """A page of views over one timeline. Nothing else is shown but a slim time panel."""
+    return rrb.Blueprint(
+        *views,
+        rrb.TimePanel(
+            timeline=timeline,
+            state="collapsed",
+            play_state="playing" if playing else "paused",
+            loop_mode="all",
+            fps=24.0,
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def readme(origin: str = README, name: str = "README") -> rrb.View:
+    """A Markdown panel."""
+    return rrb.TextDocumentView(origin=origin, name=name)
+
+
+def plot(
+    name: str,
+    contents: Sequence[str],
+    *,
+    span: Range | None = None,
+    legend: bool = True,
+) -> rrb.View:
+    """Curves over the timeline; `span` is the range of the y axis."""
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=list(contents),
+        name=name,
+        axis_y=None if span is None else rrb.ScalarAxis(range=span),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
+    )
+
+
+def chart(name: str, origin: str) -> rrb.View:
+    """A chart that `charts.Chart` has drawn."""
+    background = rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(128, 128, 128, 0))
+    return rrb.Spatial2DView(
+        origin=origin, name=name, visual_bounds=charts.BOUNDS, background=background
+    )
+
+
+def training(metrics: Sequence[str]) -> rrb.Blueprint:
+    """Training: metrics by what they are, in views of their own."""
+    groups: dict[str, list[str]] = {}
+    for metric in metrics:
+        groups.setdefault(_training_view(metric), []).append("/" + metric.strip("/"))
+    order = ["Loss", "Validation", *(title for title, _ in _TRAINING_VIEWS), "Other"]
+    titles = sorted(groups, key=order.index)
+    views = [plot(title, groups[title]) for title in titles]
+    notes = rrb.Tabs(readme(), readme("/hyperparameters", "Hyperparameters"), name="Notes")
+    columns = 1 if len(views) < 3 else 2
+    return blueprint(
+        "step",
+        rrb.Horizontal(notes, rrb.Grid(*views, grid_columns=columns), column_shares=[1, 3])
+        if views
+        else notes,
+    )
+
+
+def tuning() -> rrb.Blueprint:
+    """Tuning: the score over β, how each trial came to it, and the search as it went."""
+    return blueprint(
+        "trial",
+        rrb.Horizontal(
+            readme(),
+            rrb.Vertical(
+                rrb.Horizontal(
+                    chart("Score of each β (lower is better)", "/chart/beta"),
+                    chart("Intermediate scores of each trial", "/chart/intermediate"),
+                ),
+                rrb.Horizontal(
+                    plot("Score and best so far", ["/value/**", "/best"]),
+                    plot("log₁₀ β of each trial", ["/log10_beta"], legend=False),
+                ),
+                row_shares=[3, 2],
+            ),
+            column_shares=[1, 3],
+        ),
+    )
+
+
+def forecast(
+    roots: Mapping[str, str],
+    bands: Mapping[str, Sequence[tuple[str, str, Range | None]]],
+    eyes: Mapping[str, rrb.EyeControls3D],
+    columns: int = 3,
+    rows: int = 2,
+) -> rrb.Blueprint:
+    """Forecasts: a tab a scenario with the scene in 3D, the probability of success, the bands.
+
+    Args:
+        roots: entity root of each scenario, by the tab's title.
+        bands: for each root, the title, entity and range of each state dimension's bands.
+        eyes: where each scene is looked at from.
+    """
+    tabs = []
+    for title, root in roots.items():
+        grids = [
+            rrb.Grid(
+                *(plot(name, [f"{entity}/**"], span=span, legend=False) for name, entity, span in page),
+                grid_columns=columns,
+                name=" · ".join(name.split(" [")[0] for name, _, _ in page),
+            )
+            for page in _pages(bands[root], columns * rows)
+        ]
+        scene = rrb.Spatial3DView(
+            origin="/",
+            contents=["/scene/**", f"{root}/scene/**", f"{root}/paths/**"],
+            name="Observed and forecast paths",
+            eye_controls=eyes[root],
+            line_grid=False,
+        )
+        left = rrb.Vertical(
+            scene,
+            plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05)),
+            row_shares=[3, 2],
+        )
+        right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]
+        about = readme(f"{root}/about", "About this scenario")
+        tabs.append(rrb.Horizontal(about, left, right, column_shares=[2, 5, 6], name=title))
+    return blueprint("horizon", rrb.Tabs(*tabs, readme()), playing=True)
+
+
+def scores(curves: Mapping[str, Sequence[str]], reliability: bool) -> rrb.Blueprint:
+    """Scores: the metrics over the horizon, overall and by dimension, and the reliability diagram.
+
+    Args:
+        curves: the entities of each view, by its title.
+        reliability: whether there is a reliability diagram.
+    """
+    views: list[rrb.View] = [
+        plot(title, [f"{entity}/**" for entity in entities], legend=True)
+        for title, entities in curves.items()
+    ]
+    if reliability:
+        views.append(chart("Reliability: probability of success", "/chart/reliability"))
+    if not views:
+        return blueprint("horizon", readme())
+    grid = rrb.Grid(*views, grid_columns=1 if len(views) == 1 else 2)
+    return blueprint("horizon", rrb.Horizontal(readme(), grid, column_shares=[1, 3]))
+
+
+def _pages(items: Sequence[tuple[str, str, Range | None]], most: int) -> list[list[tuple[str, str, Range | None]]]:
+    """The items in as few pages of at most `most` as will do, of nearly equal length."""
+    count = -(-len(items) // most)
+    length = -(-len(items) // count)
+    return [list(items[start : start + length]) for start in range(0, len(items), length)]
+
+
+def _training_view(metric: str) -> str:
+    words = metric.lower().replace("/", "_").replace("-", "_").split("_")
+    text = "_".join(words)
+    for title, keys in _TRAINING_VIEWS:
+        if any(key in words if len(key) < 4 else key in text for key in keys):
+            return title
+    return "Other"

@@ -1,0 +1,103 @@
+"""Scatter and line charts in a Rerun 2D view, whose plots know no x axis but time.
+
+A chart is a box of 1.6 × 1 units with y upwards; data are placed in it by their axes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from matplotlib.ticker import LogLocator, MaxNLocator
+from numpy.typing import ArrayLike, NDArray
+
+from study.recording.palette import FRAME, faint
+
+WIDTH = 1.6
+# What a view shows around the box, to have room for the labels.
+BOUNDS = rrb.VisualBounds2D(x_range=(-0.24, WIDTH + 0.08), y_range=(-1.08, 0.2))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a chart: what it says and what it spans."""
+
+    label: str
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    @classmethod
+    def around(cls, label: str, values: ArrayLike, logarithmic: bool = False) -> "Axis":
+        """The axis that spans the finite ones of `values`, with a margin."""
+        table = np.asarray(values, dtype=np.float64)
+        table = table[np.isfinite(table) & ((table > 0) | (not logarithmic))]
+        if not table.size:
+            return cls(label, 0.1, 1.0, logarithmic)
+        low, high = float(table.min()), float(table.max())
+        if logarithmic:
+            margin = max(1.2, (high / low) ** 0.05)
+            return cls(label, low / margin, high * margin, True)
+        margin = 0.05 * (high - low) or 0.1 * abs(high) or 1.0
+        return cls(label, low - margin, high + margin)
+
+    def place(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Values to the interval [0, 1] of the axis."""
+        table = np.asarray(values, dtype=np.float64)
+        low, high = self.low, self.high
+        if self.logarithmic:
+            positive = np.where(table > 0, table, np.nan)
+            table, low, high = np.log(positive), np.log(low), np.log(high)
+        return np.asarray((table - low) / (high - low))
+
+    def ticks(self) -> NDArray[np.float64]:
+        """Round numbers within the axis."""
+        if self.logarithmic:
+            found = LogLocator(base=10, subs=(1.0,), numticks=9).tick_values(self.low, self.high)
+            if np.sum((found >= self.low) & (found <= self.high)) < 2:
+                locator = LogLocator(base=10, subs=(1.0, 2.0, 5.0), numticks=9)
+                found = locator.tick_values(self.low, self.high)
+        else:
+            found = MaxNLocator(5).tick_values(self.low, self.high)
+        slack = 1e-9 * abs(self.high - self.low)
+        return np.asarray(found[(found >= self.low - slack) & (found <= self.high + slack)])
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Two axes."""
+
+    x: Axis
+    y: Axis
+
+    def place(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.float32]:
+        """Points [N, 2] of the view from data x [N] and y [N]; those not finite are dropped."""
+        points = np.column_stack([WIDTH * self.x.place(x), -self.y.place(y)])
+        return points[np.isfinite(points).all(axis=1)].astype(np.float32)
+
+    def within(self, y: ArrayLike) -> "Chart":
+        """The same chart, its y axis around other values."""
+        return replace(self, y=Axis.around(self.y.label, y, self.y.logarithmic))
+
+    def draw(self, stream: rr.RecordingStream, entity: str) -> None:
+        """Frame, grid, ticks and labels of the axes."""
+        frame = [[[0, 0], [WIDTH, 0], [WIDTH, -1], [0, -1], [0, 0]]]
+        grid = [[[WIDTH * p, 0], [WIDTH * p, -1]] for p in self.x.place(self.x.ticks())]
+        grid += [[[0, -p], [WIDTH, -p]] for p in self.y.place(self.y.ticks())]
+        lines = rr.LineStrips2D(
+            frame + grid,
+            colors=[FRAME] + [faint(FRAME, 60)] * len(grid),
+            radii=rr.Radius.ui_points([1.0] + [0.5] * len(grid)),
+        )
+        stream.log(f"{entity}/frame", lines, static=True)
+        marks = [([WIDTH * self.x.place(t), 0.03], f"{t:g}") for t in self.x.ticks()]
+        marks += [([-0.08, -self.y.place(t) - 0.02], f"{t:g}") for t in self.y.ticks()]
+        marks += [([WIDTH / 2, 0.11], self.x.label), ([0.0, -1.06], self.y.label)]
+        labels = rr.Points2D(
+            [position for position, _ in marks],
+            labels=[text for _, text in marks],
+            show_labels=True,
+            colors=[faint(FRAME, 255)],
+            radii=rr.Radius.ui_points(0.0),
+        )
+        stream.log(f"{entity}/labels", labels, static=True)

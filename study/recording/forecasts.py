@@ -1,0 +1,199 @@
+"""The recording of a cell's forecasts: some scenarios, chosen by a rule, looked at closely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from study.recording import bands, blueprints, fans, scenes
+from study.recording.palette import FORECAST, OBSERVED
+from study.recording.properties import Properties, write_markdown, write_readme
+from study.recording.streams import entity_path, recording, send_scalars, style_lines
+
+if TYPE_CHECKING:
+    from study.envs.simulator import Simulator
+
+KIND = "forecast"
+TIMELINE = "horizon"
+FANS = 30
+"""So many paths are drawn of what was observed, and of the forecast; the bands are of all."""
+
+Floats = NDArray[np.float32]
+
+_README = """
+# Forecasts
+
+Each tab is one scenario of the test set, chosen by the rule that its panel states. From the same
+beginning s₀ and the same actions a₀ … a_{T−1}, the real system was run K times (**observed**, grey)
+and the model forecast K times (**forecast**, blue). A perfect model's blue is spread like the grey.
+"""
+_HOW_TO_READ = """
+**Grey** is observed, **blue** is forecast: K runs each from the same beginning, with the same
+actions. A perfect forecast is spread like the observed: neither wider nor narrower.
+
+- *3D*: their paths; dots mark where they are at the time cursor. **Green** is the target and how
+  close to it counts as success. The scene, and the **orange** dot, follow one observed run.
+- *Probability*: how many have come close enough so far.
+- *State*: the bands hold 5–95 % and 25–75 %; the thick line is the median.
+"""
+
+
+@dataclass(frozen=True)
+class Pick:
+    """One scenario to look at.
+
+    Attributes:
+        scenario: its index in the test set.
+        rule: why it was chosen; what stands before a colon names its tab.
+        s0: [D].
+        actions: [T, A].
+        task: [G].
+        observed: [K, T, D], the states s_1 … s_T that were observed.
+        forecast: [K, T, D], the states that were forecast.
+        member: [K] int, the ensemble member behind each forecast, or None.
+        members: [M, T, D], the members' own forecasts, or None.
+    """
+
+    scenario: int
+    rule: str
+    s0: Floats
+    actions: Floats
+    task: Floats
+    observed: Floats
+    forecast: Floats
+    member: NDArray[np.int64] | None = None
+    members: Floats | None = None
+
+    @property
+    def title(self) -> str:
+        """The tab's title."""
+        return self.rule.split(":")[0].strip()[:32] or f"scenario {self.scenario}"
+
+
+def record_forecast(
+    path: Path, simulator: "Simulator", picks: Sequence[Pick], properties: Properties
+) -> None:
+    """Write the recording of some scenarios' forecasts."""
+    titles = _titles(picks)
+    roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
+    spread = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
+    design = _design(simulator, picks, roots, spread)
+    with recording(path, KIND, properties, design) as stream:
+        write_readme(stream, _README, properties)
+        model = simulator.scene()
+        fixed = scenes.fixed_bodies(model)
+        scenes.log_bodies(stream, "/scene", model, fixed)
+        if picks:
+            scenes.log_poses(
+                stream, "/scene", model, fixed, simulator.configuration(picks[0].s0)
+            )
+        for root, pick, (observed, forecast) in zip(roots.values(), picks, spread, strict=True):
+            _log_about(stream, root, simulator, pick)
+            _log_scene(stream, f"{root}/scene", simulator, model, pick)
+            fans.log_paths(
+                stream,
+                f"{root}/paths",
+                simulator,
+                pick.task,
+                pick.observed[:FANS],
+                pick.forecast[:FANS],
+                pick.members,
+            )
+            _log_success(stream, f"{root}/success", simulator, pick)
+            for dimension, variable in enumerate(simulator.state):
+                entity = entity_path(*root.strip("/").split("/"), "state", variable.name)
+                bands.log_bands(
+                    stream, entity, observed[..., dimension], forecast[..., dimension]
+                )
+
+
+def success_so_far(simulator: "Simulator", states: Floats, task: Floats) -> NDArray[np.float64]:
+    """The share [T] of trajectories [K, T, D] that have succeeded at or before each step."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        distance = np.linalg.norm(simulator.position(states) - simulator.target(task), axis=-1)
+        close = distance <= simulator.radius
+    return np.asarray(np.maximum.accumulate(close, axis=-1).mean(axis=0))
+
+
+def _titles(picks: Sequence[Pick]) -> list[str]:
+    """The tabs' titles; the second of one name is numbered."""
+    titles: list[str] = []
+    for pick in picks:
+        count = sum(title.rstrip("0123456789 ") == pick.title for title in titles)
+        titles.append(pick.title if not count else f"{pick.title} {count + 1}")
+    return titles
+
+
+def _design(
+    simulator: "Simulator",
+    picks: Sequence[Pick],
+    roots: dict[str, str],
+    spread: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> rrb.Blueprint:
+    views: dict[str, list[tuple[str, str, tuple[float, float] | None]]] = {}
+    eyes: dict[str, rrb.EyeControls3D] = {}
+    for root, pick, (observed, forecast) in zip(roots.values(), picks, spread, strict=True):
+        views[root] = [
+            (
+                bands.title(variable),
+                entity_path(*root.strip("/").split("/"), "state", variable.name),
+                bands.axis_range(observed[..., dimension], forecast[..., dimension]),
+            )
+            for dimension, variable in enumerate(simulator.state)
+        ]
+        eyes[root] = fans.eye(
+            simulator.position(pick.observed[:FANS]), simulator.target(pick.task)
+        )
+    return blueprints.forecast(roots, views, eyes)
+
+
+def _log_about(
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick
+) -> None:
+    observed = success_so_far(simulator, pick.observed, pick.task)[-1]
+    forecast = success_so_far(simulator, pick.forecast, pick.task)[-1]
+    seconds = simulator.control_step * len(pick.actions)
+    text = (
+        f"# {pick.title}\n\nScenario {pick.scenario}, chosen by this rule: *{pick.rule}*.\n\n"
+        f"Success within {seconds:.3g} s ({len(pick.actions)} steps): "
+        f"**forecast {forecast:.0%}**, **observed {observed:.0%}** "
+        f"of {len(pick.forecast)} and {len(pick.observed)} runs.\n\n## How to read it\n{_HOW_TO_READ}"
+    )
+    if pick.members is not None:
+        text += f"- *Thick coloured paths*: the {len(pick.members)} members of the ensemble.\n"
+    write_markdown(stream, f"{root}/about", text)
+
+
+def _log_scene(
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", model: object, pick: Pick
+) -> None:
+    """The moving bodies: at s0 (time 0), then along the first observed run."""
+    run = np.concatenate([pick.s0[None], pick.observed[0]])
+    run = run[: _finite_rows(run)]
+    moving = scenes.moving_bodies(model)
+    scenes.log_bodies(stream, root, model, moving)
+    qpos = simulator.configuration(run)
+    scenes.log_motion(stream, root, model, moving, qpos, TIMELINE, np.arange(len(run)))
+
+
+def _finite_rows(states: Floats) -> int:
+    """How many rows [T, D] there are before the first that is not finite; at least one."""
+    lost = ~np.isfinite(states).all(axis=-1)
+    return max(1, int(lost.argmax())) if lost.any() else len(states)
+
+
+def _log_success(
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick
+) -> None:
+    for name, states, colour, width in (
+        ("observed", pick.observed, OBSERVED, 2.0),
+        ("forecast", pick.forecast, FORECAST, 3.0),
+    ):
+        share = success_so_far(simulator, states, pick.task)
+        style_lines(stream, f"{root}/{name}", [name], [colour], width)
+        send_scalars(stream, f"{root}/{name}", TIMELINE, np.arange(1, len(share) + 1), share)

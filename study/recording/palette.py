@@ -1,0 +1,38 @@
+"""One colour for one thing, in every view: clear on a dark and on a light background alike."""
+
+Colour = tuple[int, int, int, int]
+
+FORECAST: Colour = (62, 134, 222, 255)
+OBSERVED: Colour = (150, 150, 150, 255)
+TARGET: Colour = (46, 160, 90, 255)
+NOW: Colour = (235, 150, 30, 255)
+REFERENCE: Colour = (140, 140, 140, 160)
+FRAME: Colour = (128, 128, 128, 255)
+
+STATE: dict[str, Colour] = {
+    "complete": (46, 160, 90, 255),
+    "pruned": (235, 150, 30, 255),
+    "failed": (214, 72, 60, 255),
+}
+
+# Okabe and Ito's palette, without its black and its yellow: told apart by the colour-blind too.
+_SERIES = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (230, 159, 0),
+)
+
+
+def series(index: int) -> Colour:
+    """The colour of the index-th of several series; repeats, lighter, after the sixth."""
+    turn, place = divmod(index, len(_SERIES))
+    red, green, blue = (channel + (255 - channel) * min(turn, 2) // 4 for channel in _SERIES[place])
+    return red, green, blue, 255
+
+
+def faint(colour: Colour, alpha: int) -> Colour:
+    """The same colour, more transparent."""
+    return (*colour[:3], alpha)

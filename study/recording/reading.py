@@ -1,0 +1,84 @@
+"""Reading recordings back: scalars as data frames, properties as a dict."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+from rerun.chunk import RrdReader
+
+from study.errors import StudyError, nearest
+from study.recording.properties import GROUP
+
+_SCALARS = "Scalars:scalars"
+_NAMES = "SeriesLines:names"
+
+
+def entities(path: Path) -> list[str]:
+    """Every entity path of a recording, sorted, without Rerun's own.
+
+    Raises:
+        StudyError: the file is missing or is not a recording.
+    """
+    paths = {chunk.entity_path for chunk in _chunks(path)}
+    return sorted(name for name in paths if not name.startswith("/__"))
+
+
+def scalars(path: Path, entity: str) -> pd.DataFrame:
+    """The scalars of one entity, indexed by their timeline, in the order of time.
+
+    One column a series: by the name that the plot gives it where there are several, else `value`.
+
+    Raises:
+        StudyError: the file cannot be read, or it holds no scalars of that name.
+    """
+    entity = "/" + entity.strip("/")
+    frames, names = [], None
+    for chunk in _chunks(path, entity):
+        batch = chunk.to_record_batch()
+        if _SCALARS in batch.schema.names:
+            frames.append(_frame(batch))
+        elif _NAMES in batch.schema.names:
+            names = batch.column(_NAMES).to_pylist()[-1]
+    if not frames:
+        raise StudyError(f"{path} holds no scalars of '{entity}': {nearest(entity, entities(path))}")
+    frame = pd.concat(frames).sort_index(kind="stable")
+    if frame.shape[1] == 1:
+        frame.columns = pd.Index(["value"])
+    elif names is not None and len(names) == frame.shape[1]:
+        frame.columns = pd.Index(names)
+    return frame
+
+
+def properties(path: Path) -> dict[str, str | int | float]:
+    """The properties of a recording, as they were given when it was written.
+
+    Raises:
+        StudyError: the file is missing or is not a recording.
+    """
+    found: dict[str, str | int | float] = {}
+    for chunk in _chunks(path, f"/__properties/{GROUP}"):
+        batch = chunk.to_record_batch()
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            if not name.startswith("rerun."):
+                found[name] = column.to_pylist()[-1][0]
+    return found
+
+
+def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
+    if not Path(path).is_file():
+        raise StudyError(f"recording {path} is missing")
+    try:
+        stream = RrdReader(path).store().stream()
+        yield from stream if entity is None else stream.filter(content=[entity])
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise StudyError(f"cannot read the recording {path}: {reason}") from error
+
+
+def _frame(batch: pa.RecordBatch) -> pd.DataFrame:
+    """One chunk: a row a time, a column a scalar."""
+    timelines = [f.name for f in batch.schema if (f.metadata or {}).get(b"rerun:kind") == b"index"]
+    index = pd.Index(batch.column(timelines[0]).to_pylist(), name=timelines[0])
+    return pd.DataFrame(batch.column(_SCALARS).to_pylist(), index=index)

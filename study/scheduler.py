@@ -1,0 +1,59 @@
+"""Run the tasks that are not up to date, each after what it reads, as many at a time as fit."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+
+from study.artifacts import Store, Task
+from study.execute import Outcome, execute
+
+
+def run_tasks(
+    tasks: Iterable[Task],
+    store: Store,
+    executor: Executor,
+    workers: int,
+    threads: int,
+    started: Callable[[Task], None],
+    ended: Callable[[Outcome], None],
+) -> dict[Task, str]:
+    """Run `tasks`, given in an order in which each stands after what it reads.
+
+    A task whose input failed is not run; the others are.
+
+    Returns:
+        the error, in one line, of every task that failed or could not be run.
+    """
+    waiting = list(tasks)
+    errors: dict[Task, str] = {}
+    running: dict[Future[Outcome], Task] = {}
+    unfinished = set(waiting)
+    while waiting or running:
+        for task in list(waiting):
+            broken = [source for source in task.inputs.values() if source in errors]
+            if broken:
+                waiting.remove(task)
+                unfinished.discard(task)
+                errors[task] = f"not run: {broken[0].name} failed"
+                ended(Outcome(task, 0.0, errors[task]))
+            elif len(running) < workers and not unfinished.intersection(task.inputs.values()):
+                waiting.remove(task)
+                started(task)
+                running[executor.submit(execute, task, store.root, threads)] = task
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        for future in done:
+            task = running.pop(future)
+            outcome = _outcome(task, future)
+            unfinished.discard(task)
+            if outcome.error is not None:
+                errors[task] = outcome.error
+            ended(outcome)
+    return errors
+
+
+def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
+    """The task's own outcome, or what became of the process that ran it."""
+    try:
+        return future.result()
+    except Exception as error:
+        message = " ".join(str(error).split())[:300]
+        return Outcome(task, 0.0, f"the worker was lost ({type(error).__name__}: {message})")

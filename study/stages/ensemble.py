@@ -1,0 +1,92 @@
+"""Stage ensemble: fit the M recurrent networks, and forecast the training trajectories with them.
+
+Writes ``ensemble.safetensors`` (weights), ``members.safetensors`` (the members' forecasts of the
+training trajectories, [N, M, T, D]: the residuals of every cell are made from them), ``metrics.csv``
+and ``training.rrd``.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from study.data.module import TrajectoryModule
+from study.data.scaling import Scaling
+from study.data.storage import load_arrays, save_arrays
+from study.data.trajectories import Floats, ScenarioSet, Trajectories
+from study.models.ensemble import Ensemble
+from study.progress import Progress
+from study.recording.logger import RerunLogger
+from study.seeds import derive, torch_seed
+from study.stages.fitting import fit
+from study.stages.weights import load_model, save_model
+
+CHUNK = 512
+
+
+def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+    """See the module."""
+    training, validation, scaling = training_data(settings, inputs["data"])
+    options = settings["ensemble"]
+    data = TrajectoryModule(
+        scaling,
+        training,
+        validation,
+        options["batch_size"],
+        derive(settings["seed"], "order"),
+        orders=options["members"],
+    )
+    torch.manual_seed(torch_seed(settings["seed"]))
+    model = Ensemble(scaling, {"ensemble": options})
+    with RerunLogger(out / "training.rrd", recording_name="training of the ensemble") as logger:
+        fit(
+            model,
+            data,
+            out,
+            progress.part(0.0, 0.95),
+            seed=settings["seed"],
+            steps=options["steps"],
+            validate_every=options["validate_every"],
+            patience=options["patience"],
+            clip=None,
+            loggers=[logger],
+        )
+    save_model(model, "ensemble", out / "ensemble.safetensors")
+    progress(0.95, "forecasts of the training trajectories")
+    members = forecast_members(model, training.states[:, 0], training.actions)
+    save_arrays(out / "members.safetensors", {"members": members})
+
+
+def training_data(
+    settings: dict[str, Any], folder: Path
+) -> tuple[Trajectories, ScenarioSet, Scaling]:
+    """The cell's share of the training trajectories, the validation scenarios, standard units."""
+    first, count = settings["first"], settings["trajectories"]
+    training = Trajectories.load(folder / "train.safetensors")[first : first + count]
+    validation = ScenarioSet.load(folder / "validation.safetensors")
+    return training, validation, Scaling.of(training)
+
+
+@torch.no_grad()
+def forecast_members(model: Ensemble, s0: Floats, actions: Floats) -> Floats:
+    """ŷ_m of all members [N, M, T, D] in SI units, from [N, D] and [N, T, A] in SI units."""
+    parts = []
+    for start in range(0, len(s0), CHUNK):
+        chunk = slice(start, start + CHUNK)
+        standard = model.standard(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
+        parts.append((model(*standard) * model.state_scale + model.state_mean).cpu().numpy())
+    return np.concatenate(parts)
+
+
+def load_ensemble(folder: Path) -> Ensemble:
+    """The fitted ensemble that `run` wrote."""
+    model = load_model(folder / "ensemble.safetensors")
+    assert isinstance(model, Ensemble)
+    return model
+
+
+def load_members(folder: Path) -> Floats:
+    """The members' forecasts of the training trajectories [N, M, T, D] that `run` wrote."""
+    arrays, _ = load_arrays(folder / "members.safetensors")
+    return arrays["members"]
