@@ -3,8 +3,8 @@
     python -m paper_figs.mmd_curves --results results/quick
 
 Curves are averages over scenarios, state dimensions and seeds; bands are 95 % intervals by a
-bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are as those
-of MMD and the floor stays visible: the unbiased MMD² of the oracle is zero on average and dips below.
+bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are those of
+MMD, and the floor stays visible: the oracle's unbiased MMD² is zero on average, and dips below.
 """
 
 import sys

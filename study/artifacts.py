@@ -74,8 +74,22 @@ class Store:
         """The log of the task's last run."""
         return self.root / "logs" / f"{task.stage}-{task.key[:16]}.log"
 
+    def progress(self, task: Task) -> Path:
+        """Where the task tells how far it is, while it runs."""
+        return self.log(task).with_suffix(".progress")
+
+    def forget_progress(self) -> None:
+        """Remove what killed tasks told."""
+        for path in (self.root / "logs").glob("*.progress"):
+            path.unlink(missing_ok=True)
+
+    def failure(self, task: Task) -> Path:
+        """One line: why the task's last run failed. Not there if it did not."""
+        return self.log(task).with_suffix(".error")
+
     def begin(self, task: Task, resumable: bool) -> Path:
         """An empty folder to write into; what a stopped run left there stays if `resumable`."""
+        self.failure(task).unlink(missing_ok=True)
         out = self.partial(task)
         if out.exists() and not resumable:
             shutil.rmtree(out)

@@ -247,20 +247,24 @@ def to_markdown(verdicts: Sequence[Verdict]) -> str:
 
 
 def _summary(verdicts: Sequence[Verdict]) -> str:
-    counts = Counter(verdict.outcome for verdict in verdicts)
-    listed = ", ".join(f"{counts[outcome]} {outcome}" for outcome in Outcome if counts[outcome])
-    seeds = {finding.seeds for verdict in verdicts for finding in verdict.findings}
-    line = f"Of {len(verdicts)} claims: {listed}."
-    if seeds == {1}:
+    paper = [verdict for verdict in verdicts if verdict.claim.section != "ours"]
+    ours = [verdict for verdict in verdicts if verdict.claim.section == "ours"]
+    line = f"Of {len(paper)} claims of the paper: {_tally(paper)}."
+    if ours:
+        line += f" Of {len(ours)} of our own: {_tally(ours)}."
+    seeds = sorted({finding.seeds for verdict in verdicts for finding in verdict.findings})
+    if seeds == [1]:
         return (
             f"{line} There is one training seed: the intervals cover scenarios, and say nothing of"
             " how much training varies."
         )
-    if seeds:
-        return (
-            f"{line} Training seeds: {'–'.join(str(n) for n in sorted({min(seeds), max(seeds)}))}."
-        )
-    return line
+    ends = " to ".join(map(str, dict.fromkeys([seeds[0], seeds[-1]]))) if seeds else "none"
+    return f"{line} Training seeds: {ends}."
+
+
+def _tally(verdicts: Sequence[Verdict]) -> str:
+    counts = Counter(verdict.outcome for verdict in verdicts)
+    return ", ".join(f"{counts[outcome]} {outcome}" for outcome in Outcome if counts[outcome])
 
 
 def _row(verdict: Verdict) -> str:

@@ -50,7 +50,7 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
     began, clock = datetime.now(UTC), time.perf_counter()
     log = store.log(task)
     log.parent.mkdir(parents=True, exist_ok=True)
-    progress = Progress(log.with_suffix(".progress"))
+    progress = Progress(store.progress(task))
     error = None
     with _logged(log):
         try:
@@ -66,7 +66,7 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
             traceback.print_exc()
             error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]
         finally:
-            progress.path and progress.path.unlink(missing_ok=True)
+            store.progress(task).unlink(missing_ok=True)
     return Outcome(task, time.perf_counter() - clock, error)
 
 

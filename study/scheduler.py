@@ -5,6 +5,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 
 from study.artifacts import Store, Task
 from study.execute import Outcome, execute
+from study.files import write_text
 
 
 def run_tasks(
@@ -46,6 +47,7 @@ def run_tasks(
             unfinished.discard(task)
             if outcome.error is not None:
                 errors[task] = outcome.error
+                write_text(store.failure(task), outcome.error + "\n")
             ended(outcome)
     return errors
 

@@ -63,7 +63,7 @@ def scores(
     On the UAV each MMD² is half as large again. Brier scores are MMD² on the Pusher plus 0.05 (0.07
     at the level high), unless given.
     """
-    cells = []
+    cells: list[pd.DataFrame] = []
     for environment in ENVIRONMENTS:
         factor = 1.5 if environment == "uav" else 1.0
         for model, averages in mmd2.items():

@@ -1,4 +1,4 @@
-"""The UAV (paper section V-B): a quadrotor flies to a target in time, in gusts, with a load unseen."""
+"""The UAV (paper section V-B): a quadrotor flies to a target in time, in gusts, its load unseen."""
 
 from typing import ClassVar
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
 CHUNK = 2048
-"""Flights at once: so many that an operation's fixed cost vanishes, so few that they fit a cache."""
+"""Flights at once: an operation's fixed cost vanishes, and the arrays still fit a cache."""
 
 START = (
     Variable("x", "m", "position, east", -20.0, 20.0),
@@ -26,21 +26,110 @@ START = (
     Variable("vy", "m/s", "velocity, north", -1.0, 1.0),
     Variable("vz", "m/s", "velocity, up", -0.3, 0.3),
     Variable("yaw", "rad", "heading", -np.pi, np.pi),
-    Variable("wind", "m/s", "speed of the level wind", 0.0, 8.0),
+    Variable("wind", "m/s", "speed of the level wind", 0.0, 9.0),
     Variable("wind_towards", "rad", "where it blows to", -np.pi, np.pi),
     Variable("wind_z", "m/s", "wind, up", -0.4, 0.4),
     Variable("temperature", "degC", "air temperature", 0.0, 35.0),
     Variable("battery", "%", "charge that is left", 15.0, 100.0),
-    Variable("pace", "m/s", "level distance of the target, for each second", 1.0, 5.0),
+    Variable("pace", "m/s", "level distance of the target, per second of horizon", 0.8, 5.2),
     Variable("bearing", "rad", "direction of the target", -np.pi, np.pi),
-    Variable("rise", "m/s", "height of the target above the start, for each second", -0.5, 0.6),
+    Variable("rise", "m", "height of the target above the start", -12.0, 15.0),
 )
 """What a scenario is drawn from, each uniform between its bounds. The rest of s0 is zero."""
 
 
 @simulators.register("uav")
 class Uav(Simulator):
-    """A quadrotor with an autopilot, a battery, weather, and a payload that nobody sees."""
+    """A quadrotor with an autopilot, a battery, weather, and a payload that nobody sees.
+
+    The airframe and its rotors are those of the PX4 Gazebo model "iris" (see `uav_physics`). An
+    action holds for a control step of 0.4 s; physics and autopilot run at 50 Hz. Axes point east,
+    north and up; angles are applied yaw first, then pitch, then roll.
+
+    State, 17:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | x | m | position, east | -inf | inf |
+    | 1 | y | m | position, north | -inf | inf |
+    | 2 | z | m | height above the ground | 0 | inf |
+    | 3 | vx | m/s | velocity, east | -inf | inf |
+    | 4 | vy | m/s | velocity, north | -inf | inf |
+    | 5 | vz | m/s | velocity, up | -inf | inf |
+    | 6 | roll | rad | about the body's x axis, third | -3.142 | 3.142 |
+    | 7 | pitch | rad | about the body's y axis, second | -1.571 | 1.571 |
+    | 8 | yaw | rad | about the vertical, first; not wrapped | -inf | inf |
+    | 9 | roll_rate | rad/s | change of roll | -inf | inf |
+    | 10 | pitch_rate | rad/s | change of pitch | -inf | inf |
+    | 11 | yaw_rate | rad/s | change of yaw | -inf | inf |
+    | 12 | wind_x | m/s | wind, east | -inf | inf |
+    | 13 | wind_y | m/s | wind, north | -inf | inf |
+    | 14 | wind_z | m/s | wind, up | -inf | inf |
+    | 15 | temperature | degC | air temperature | -inf | inf |
+    | 16 | battery | % | charge that is left | 0 | 100 |
+
+    Action, 4, clipped to its bounds:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | vx | m/s | velocity set-point, east | -8 | 8 |
+    | 1 | vy | m/s | velocity set-point, north | -8 | 8 |
+    | 2 | vz | m/s | velocity set-point, up | -3 | 3 |
+    | 3 | yaw_rate | rad/s | yaw-rate set-point | -1 | 1 |
+
+    Hidden, 1, uniform, drawn for each trajectory from its seed:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | payload | kg | mass carried | 0 | 0.6 |
+
+    Task, 3: come within 5 m of the target at any step:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | target_x | m | where to fly, east | -inf | inf |
+    | 1 | target_y | m | where to fly, north | -inf | inf |
+    | 2 | target_z | m | where to fly, up | 0 | inf |
+
+    Start, each uniform, the rest of s0 zero; `rise` shrinks with a horizon below 60:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | x | m | position, east | -20 | 20 |
+    | 1 | y | m | position, north | -20 | 20 |
+    | 2 | z | m | height above the ground | 20 | 40 |
+    | 3 | vx | m/s | velocity, east | -1 | 1 |
+    | 4 | vy | m/s | velocity, north | -1 | 1 |
+    | 5 | vz | m/s | velocity, up | -0.3 | 0.3 |
+    | 6 | yaw | rad | heading | -3.142 | 3.142 |
+    | 7 | wind | m/s | speed of the level wind | 0 | 9 |
+    | 8 | wind_towards | rad | where it blows to | -3.142 | 3.142 |
+    | 9 | wind_z | m/s | wind, up | -0.4 | 0.4 |
+    | 10 | temperature | degC | air temperature | 0 | 35 |
+    | 11 | battery | % | charge that is left | 15 | 100 |
+    | 12 | pace | m/s | level distance of the target, per second of horizon | 0.8 | 5.2 |
+    | 13 | bearing | rad | direction of the target | -3.142 | 3.142 |
+    | 14 | rise | m | height of the target above the start | -12 | 15 |
+
+    Policy (see `uav_pilot`), each uniform:
+
+    | # | name | unit | meaning | low | high |
+    |---|------|------|---------|-----|------|
+    | 0 | arrival | 1 | when the target is reached, as a share of the horizon | 0.35 | 1 |
+    | 1 | detour | 1 | sideways bow of the path, as a share of its length | -0.2 | 0.2 |
+    | 2 | climb | m | upward bow of the path | -6 | 10 |
+    | 3 | gaze | rad | heading, from the direction of flight | -3.142 | 3.142 |
+    | 4 | zeal | 1/s | velocity per metre behind the moving point | 0.3 | 0.8 |
+
+    Noise. The payload; gusts on top of the wind of s0, which is their mean: Ornstein-Uhlenbeck
+    processes that start at zero, in a level wind of W m/s with standard deviation 0.3 + 0.3 W m/s
+    and correlation time 8 s level, and 0.2 + 0.12 W m/s and 3 s vertically; the temperature
+    wanders likewise, 0.5 degC and 30 s. Without noise: no gust, no wander, payload 0.3 kg.
+
+    End. The horizon ends a flight. A vehicle that comes down to z = 0 stays there to the end:
+    position, yaw and battery as they were, velocity, roll, pitch and rates zero, while wind and
+    temperature go on. With an empty battery the rotors stop, and it falls.
+    """
 
     name = "uav"
     version = 1
@@ -101,7 +190,7 @@ class Uav(Simulator):
             [
                 reach * np.cos(drawn["bearing"]),
                 reach * np.sin(drawn["bearing"]),
-                drawn["rise"] * min(duration, 24.0),
+                drawn["rise"] * min(self.horizon / self.default_horizon, 1.0),
             ],
             axis=1,
         )

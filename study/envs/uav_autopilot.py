@@ -21,7 +21,7 @@ from study.envs.uav_physics import (
 
 ASSUMED_MASS = MASS + MEAN_PAYLOAD
 VELOCITY_GAIN = np.array([1.5, 1.5, 2.0])[:, None]  # 1/s
-CLIMB_INTEGRAL_GAIN = 0.35  # 1/s²
+CLIMB_INTEGRAL_GAIN = 0.3  # 1/s²
 CLIMB_INTEGRAL_LIMIT = 2.0  # m/s²
 TILT_GAIN = 5.0  # 1/s: turning rate per unit of tilt error
 RATE_GAIN = np.array([16.0, 16.0, 5.0])[:, None]  # 1/s
@@ -32,9 +32,7 @@ IDLE = 0.03  # of the thrust ceiling: rotors in flight do not stop
 YAW_SHARE = 0.15  # of the thrust ceiling, at most, for turning about the vertical
 
 # Thrust and torques from the four thrusts, and its inverse, the mixer.
-ALLOCATION = np.stack(
-    [np.ones(4), ROTORS[:, 1], -ROTORS[:, 0], -SPIN_SIGN * TORQUE_PER_THRUST]
-)
+ALLOCATION = np.stack([np.ones(4), ROTORS[:, 1], -ROTORS[:, 0], -SPIN_SIGN * TORQUE_PER_THRUST])
 MIXER = np.linalg.inv(ALLOCATION)[:, :, None]
 
 
@@ -80,7 +78,9 @@ class Autopilot:
         wanted[:2] *= allowed / np.maximum(sideways, allowed)
         return wanted
 
-    def _torque(self, wanted: Doubles, yaw_rate: Doubles, spin: Doubles, matrix: Doubles) -> Doubles:
+    def _torque(
+        self, wanted: Doubles, yaw_rate: Doubles, spin: Doubles, matrix: Doubles
+    ) -> Doubles:
         """Torque [3, N] in N m, body axes, that turns the rotors' axis towards `wanted`."""
         length = np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
         x, y, z = wanted / length

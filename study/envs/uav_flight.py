@@ -7,7 +7,6 @@ from study.envs.uav_autopilot import ASSUMED_MASS, Autopilot
 from study.envs.uav_physics import (
     DRAG_AREA,
     GRAVITY,
-    GUST_TIMES,
     MASS,
     ROTOR_DRAG,
     ROTORS,
@@ -17,16 +16,13 @@ from study.envs.uav_physics import (
     SPIN_SIGN,
     STANDARD_DENSITY,
     SWARM,
-    TEMPERATURE_DEVIATION,
-    TEMPERATURE_LAPSE,
-    TEMPERATURE_TIME,
     THRUST_CONSTANT,
     TORQUE_PER_THRUST,
     Bodies,
     Doubles,
+    Weather,
     air_density,
     drain,
-    gust_deviations,
     power,
     quaternion,
     rotation,
@@ -56,7 +52,11 @@ class Flight:
     """
 
     def __init__(
-        self, s0: Floats, payload: Doubles, threads: int = 1, timestep: float | None = None
+        self,
+        s0: Floats,
+        payload: NDArray[np.floating],
+        threads: int = 1,
+        timestep: float | None = None,
     ) -> None:
         self.count = len(s0)
         state = self._fill(np.asarray(s0, np.float64))
@@ -66,10 +66,7 @@ class Flight:
         self.autopilot = Autopilot(size, self.timestep)
         self.yaw = state[8].copy()
         self.battery = state[BATTERY].copy()
-        self.mean_wind, self.gust = state[WIND].copy(), np.zeros((3, size))
-        # Temperature is a base that belongs to z = 0, the lapse with height, and a slow wander.
-        self.base_temperature = state[TEMPERATURE] + TEMPERATURE_LAPSE * state[2]
-        self.wander = np.zeros(size)
+        self.weather = Weather(state[WIND], state[TEMPERATURE], state[2], self.timestep)
         hover = np.sqrt(ASSUMED_MASS * GRAVITY / (4 * THRUST_CONSTANT))
         self.speeds = np.minimum(hover, top_speed(self.battery))[None].repeat(4, 0)
         self.bodies.position[:], self.bodies.velocity[:] = state[POSITION], state[VELOCITY]
@@ -78,30 +75,22 @@ class Flight:
         self.bodies.place()
         self.crashed = np.zeros(size, bool)
         self._ground()
-        self._gust_keep = np.exp(-self.timestep / GUST_TIMES)
-        self._gust_kick = np.sqrt(1 - self._gust_keep**2) * gust_deviations(self.mean_wind)
-        self._wander_keep = np.exp(-self.timestep / TEMPERATURE_TIME)
-        self._wander_kick = np.sqrt(1 - self._wander_keep**2) * TEMPERATURE_DEVIATION
         self._speed_up = 1 - np.exp(-self.timestep / SPEED_UP_TIME)
         self._slow_down = 1 - np.exp(-self.timestep / SLOW_DOWN_TIME)
-
-    @property
-    def temperature(self) -> Doubles:
-        """degC, [N]."""
-        return self.base_temperature - TEMPERATURE_LAPSE * self.bodies.position[2] + self.wander
 
     def advance(self, actions: Floats, ticks: int, noise: Floats | None = None) -> Floats:
         """Hold `actions` [N, 4] for `ticks` physics steps; the states [N, 17] thereafter.
 
         Args:
             actions: velocity in m/s, world, and yaw rate in rad/s.
-            ticks: physics steps.
+            ticks: physics steps; less than half a turn, or the yaw loses count.
             noise: [N, ticks, 4] standard normal numbers, for gusts and temperature; none: still.
         """
         command = self._fill(np.asarray(actions, np.float64))
         kicks = None if noise is None else self._fill(noise)
         for tick in range(ticks):
-            self._weather(None if kicks is None else kicks[tick])
+            if kicks is not None:
+                self.weather.advance(kicks[tick])
             self._tick(command)
         return self._observe()
 
@@ -111,16 +100,10 @@ class Flight:
         full = np.concatenate([values, values[-1:].repeat(rest, 0)]) if rest else values
         return np.ascontiguousarray(np.moveaxis(full, 0, -1), np.float64)
 
-    def _weather(self, kick: Doubles | None) -> None:
-        # Exact for any time step: an Ornstein-Uhlenbeck process sampled at its steps.
-        if kick is not None:
-            self.gust = self._gust_keep * self.gust + self._gust_kick * kick[:3]
-            self.wander = self._wander_keep * self.wander + self._wander_kick * kick[3]
-
     def _tick(self, command: Doubles) -> None:
         bodies = self.bodies
         matrix = rotation(bodies.quaternion)
-        temperature = self.temperature
+        temperature = self.weather.temperature(bodies.position[2])
         density = air_density(bodies.position[2], temperature)
         asked = self.autopilot.speeds(
             command, bodies.velocity, bodies.spin, matrix, top_speed(self.battery)
@@ -136,7 +119,7 @@ class Flight:
     def _force(self, thrusts: Doubles, matrix: Doubles, density: Doubles) -> Doubles:
         """Thrust, rotor drag and hull drag, [3, N] in N, world."""
         axis = matrix[:, 2]
-        air = self.mean_wind + self.gust - self.bodies.velocity
+        air = self.weather.wind - self.bodies.velocity
         along = air[0] * axis[0] + air[1] * axis[1] + air[2] * axis[2]
         airspeed = np.sqrt(air[0] * air[0] + air[1] * air[1] + air[2] * air[2])
         speeds, lift = _total(self.speeds), _total(thrusts)
@@ -183,8 +166,8 @@ class Flight:
                 bodies.velocity,
                 [roll, pitch, self.yaw],
                 _rates(matrix, bodies.spin),
-                self.mean_wind + self.gust,
-                [self.temperature, self.battery],
+                self.weather.wind,
+                [self.weather.temperature(bodies.position[2]), self.battery],
             ]
         )
         return np.ascontiguousarray(state[:, : self.count].T, np.float32)

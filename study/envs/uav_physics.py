@@ -56,7 +56,7 @@ TEMPERATURE_TIME, TEMPERATURE_DEVIATION = 30.0, 0.5  # s, K
 
 
 def gust_deviations(wind: Doubles) -> Doubles:
-    """Standard deviation [3, N] of the gusts in m/s, from the mean wind [3, N]: more in more wind."""
+    """Standard deviations [3, N] of the gusts in m/s, from the mean wind [3, N]."""
     speed = np.sqrt(wind[0] * wind[0] + wind[1] * wind[1])
     level = 0.3 + 0.3 * speed
     return np.stack([level, level, 0.2 + 0.12 * speed])
@@ -69,7 +69,7 @@ def air_density(height: Doubles, temperature: Doubles) -> Doubles:
 
 
 def top_speed(battery: Doubles) -> Doubles:
-    """The fastest that a rotor can turn, rad/s [N]: speed goes with voltage, voltage with charge."""
+    """The fastest that a rotor can turn, rad/s [N]: as the voltage, which falls with charge."""
     voltage = EMPTY_VOLTAGE + (1 - EMPTY_VOLTAGE) * 0.01 * battery
     return np.where(battery > 0, MAX_SPEED * voltage, 0.0)
 
@@ -117,6 +117,44 @@ def quaternion(roll: Doubles, pitch: Doubles, yaw: Doubles) -> Doubles:
             cr * cp * sy - sr * sp * cy,
         ]
     )
+
+
+class Weather:
+    """Wind and temperature around N vehicles: a mean that belongs to s0, and what wanders about it.
+
+    Gusts and the wander of the temperature are Ornstein-Uhlenbeck processes that start at zero,
+    sampled exactly, so their statistics do not depend on the time step.
+
+    Args:
+        wind: [3, N] m/s at the start, and the mean thereafter.
+        temperature: [N] degC at the start.
+        height: [N] m at the start.
+        timestep: seconds between two calls of `advance`.
+    """
+
+    def __init__(
+        self, wind: Doubles, temperature: Doubles, height: Doubles, timestep: float
+    ) -> None:
+        self._mean, self._ground = wind, temperature + TEMPERATURE_LAPSE * height
+        self._gust, self._wander = np.zeros_like(wind), np.zeros_like(height)
+        self._keep = np.exp(-timestep / GUST_TIMES)
+        self._kick = np.sqrt(1 - self._keep**2) * gust_deviations(wind)
+        self._wander_keep = np.exp(-timestep / TEMPERATURE_TIME)
+        self._wander_kick = np.sqrt(1 - self._wander_keep**2) * TEMPERATURE_DEVIATION
+
+    @property
+    def wind(self) -> Doubles:
+        """[3, N] m/s."""
+        return self._mean + self._gust
+
+    def temperature(self, height: Doubles) -> Doubles:
+        """degC at `height` in m, [N]."""
+        return self._ground - TEMPERATURE_LAPSE * height + self._wander
+
+    def advance(self, normal: Doubles) -> None:
+        """One time step, from standard normal numbers [4, N]: three for the wind, one for heat."""
+        self._gust = self._keep * self._gust + self._kick * normal[:3]
+        self._wander = self._wander_keep * self._wander + self._wander_kick * normal[3]
 
 
 class Bodies:

@@ -14,7 +14,7 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
 HABITS = (
-    Variable("arrival", "1", "when the target is reached, as a share of the horizon", 0.5, 1.0),
+    Variable("arrival", "1", "when the target is reached, as a share of the horizon", 0.35, 1.0),
     Variable("detour", "1", "sideways bow of the path, as a share of its length", -0.2, 0.2),
     Variable("climb", "m", "upward bow of the path", -6.0, 10.0),
     Variable("gaze", "rad", "heading, from the direction of flight", -np.pi, np.pi),
@@ -45,7 +45,7 @@ class Pilot:
         self.bow = np.stack([*sideways, climb])
 
     def command(self, time: float, states: Floats) -> Doubles:
-        """Actions [N, 4], not yet clipped but for the level speed, at `time` in `states` [N, 17]."""
+        """Actions [N, 4] at `time` in `states` [N, 17]; only the level speed is limited."""
         position, yaw = states[:, :3].T.astype(np.float64), states[:, 8].astype(np.float64)
         along = np.minimum(time / self.arrival, 1.0)
         point = self.start + along * self.chord + 4 * along * (1 - along) * self.bow

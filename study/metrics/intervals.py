@@ -8,6 +8,7 @@ narrow. So the number of seeds belongs beside every interval.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,16 +39,20 @@ def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = 0) ->
     """
     values = np.asarray(values, np.float64)
     seeds, scenarios, *rest = values.shape
-    generator = np.random.default_rng(seed)
-    # How often each seed and each scenario is drawn, as shares that sum to one.
-    by_seed = generator.multinomial(seeds, np.full(seeds, 1 / seeds), resamples) / seeds
-    by_scenario = (
-        generator.multinomial(scenarios, np.full(scenarios, 1 / scenarios), resamples) / scenarios
-    )
+    by_seed, by_scenario = _shares(seeds, scenarios, resamples, seed)
     total = np.zeros((resamples, int(np.prod(rest))))
     for weight, of_seed in zip(by_seed.T, values.reshape(seeds, scenarios, -1), strict=True):
         total += weight[:, None] * (by_scenario @ of_seed)
     return total.reshape(resamples, *rest)
+
+
+@lru_cache(maxsize=4)
+def _shares(seeds: int, scenarios: int, resamples: int, seed: int) -> tuple[Doubles, Doubles]:
+    """How often each resample draws each seed [B, seeds] and scenario [B, S]; rows sum to one."""
+    generator = np.random.default_rng(seed)
+    by_seed = generator.multinomial(seeds, np.full(seeds, 1 / seeds), resamples)
+    by_scenario = generator.multinomial(scenarios, np.full(scenarios, 1 / scenarios), resamples)
+    return by_seed / seeds, by_scenario / scenarios
 
 
 def percentiles(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:

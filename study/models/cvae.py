@@ -12,6 +12,8 @@ import math
 import torch
 from torch import Tensor, nn
 
+from study.models.recurrence import gru_cell
+
 
 class RecurrentCvae(nn.Module):
     """Encoder q_φ(z_t | ·), prior p(z_t) = N(0, I), decoder p_θ(x_{t+1} | ŝ_{0:t}; a_{0:t}; z_{0:t}).
@@ -97,7 +99,7 @@ class RecurrentCvae(nn.Module):
                 own = torch.rand(len(s0), 1, device=s0.device) < own_share
                 state = torch.where(own, state, truths[step])
                 target = state - baselines[step]
-            hidden = _gru_cell(inputs + self.fed_back(state), self.recurrent(hidden), hidden)
+            hidden = gru_cell(inputs + self.fed_back(state), self.recurrent(hidden), hidden)
             output = self.head(hidden)
             target = target + output if self.increments else output
             state = target + baselines[step + 1]
@@ -123,15 +125,6 @@ class RecurrentCvae(nn.Module):
         likelihood = negative_log_likelihood(prediction, truth, self.log_scale).mean()
         divergence = kl_from_standard_normal(mean, log_variance).mean()
         return likelihood + beta * divergence, likelihood, divergence
-
-
-def _gru_cell(inputs: Tensor, recurrent: Tensor, hidden: Tensor) -> Tensor:
-    """One step of a GRU (Cho et al. 2014, in the form of torch.nn.GRU): [B, 3H], [B, 3H], [B, H]."""
-    size = hidden.shape[-1]
-    gates = torch.sigmoid(inputs[:, : 2 * size] + recurrent[:, : 2 * size])
-    reset, update = gates.chunk(2, dim=-1)
-    candidate = torch.tanh(inputs[:, 2 * size :] + reset * recurrent[:, 2 * size :])
-    return torch.lerp(candidate, hidden, update)
 
 
 def negative_log_likelihood(prediction: Tensor, truth: Tensor, log_scale: Tensor) -> Tensor:

@@ -4,32 +4,56 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
+from study.models.recurrence import gru_cell
 
 
-class Member(nn.Module):
-    """One recurrent network for p_θ(s_{1:T} | s_0; a_{0:T-1}).
+class StackedLinear(nn.Module):
+    """M linear maps side by side: [..., M, B, I] → [..., M, B, O]."""
 
-    Its state begins as a function of s_0 and is driven by the actions; no forecast state is fed
-    back. The output is the change since s_0, so that a new network forecasts that nothing moves.
+    def __init__(self, members: int, inputs: int, outputs: int, bias: bool = True) -> None:
+        super().__init__()
+        # Each member is initialised as torch.nn.Linear would be, from draws of its own.
+        bound = inputs**-0.5
+        self.weight = nn.Parameter(torch.empty(members, inputs, outputs).uniform_(-bound, bound))
+        self.bias = nn.Parameter(torch.zeros(members, 1, outputs)) if bias else None
+
+    def forward(self, values: Tensor) -> Tensor:
+        """See the class."""
+        product = values @ self.weight
+        return product if self.bias is None else product + self.bias
+
+
+class Members(nn.Module):
+    """M recurrent networks for p_θ(s_{1:T} | s_0; a_{0:T-1}), computed side by side.
+
+    A member's state begins as a function of s_0 and is driven by the actions; no forecast state is
+    fed back. The output is the change since s_0, so that a new network forecasts that nothing
+    moves.
     """
 
-    def __init__(self, state_size: int, action_size: int, hidden_size: int) -> None:
+    def __init__(self, members: int, state_size: int, action_size: int, hidden_size: int) -> None:
         super().__init__()
-        self.start = nn.Sequential(nn.Linear(state_size, hidden_size), nn.Tanh())
-        self.recurrence = nn.GRU(action_size + state_size, hidden_size, batch_first=True)
-        self.head = nn.Sequential(
-            nn.Linear(hidden_size, hidden_size), nn.SiLU(), nn.Linear(hidden_size, state_size)
-        )
+        self.start = StackedLinear(members, state_size, hidden_size)
+        self.driven = StackedLinear(members, action_size + state_size, 3 * hidden_size)
+        self.recurrent = StackedLinear(members, hidden_size, 3 * hidden_size)
+        self.inner = StackedLinear(members, hidden_size, hidden_size)
+        self.outer = StackedLinear(members, hidden_size, state_size)
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """ŝ_{1:T} [B, T, D] from s_0 [B, D] and a_{0:T-1} [B, T, A], in standard units."""
-        begun = s0[:, None].expand(-1, actions.shape[1], -1)
-        hidden, _ = self.recurrence(torch.cat([actions, begun], -1), self.start(s0)[None])
-        change: Tensor = self.head(hidden)
-        return s0[:, None] + change
+        """ŝ_{1:T} [M, B, T, D] from s_0 [M, B, D] and a_{0:T-1} [M, B, T, A], in standard units."""
+        # Time first and multiplied for the whole horizon at once: the loop keeps what must wait.
+        steps = torch.movedim(actions, 2, 0)
+        begun = s0.expand(len(steps), *s0.shape)
+        hidden, states = torch.tanh(self.start(s0)), []
+        for driven in self.driven(torch.cat([steps, begun], -1)).unbind(0):
+            hidden = gru_cell(driven, self.recurrent(hidden), hidden)
+            states.append(hidden)
+        change = self.outer(functional.silu(self.inner(torch.stack(states))))
+        return torch.movedim(s0 + change, 0, 2)
 
 
 class Ensemble(Model):
@@ -45,27 +69,24 @@ class Ensemble(Model):
     def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
         super().__init__(scaling, settings)
         ensemble = settings["ensemble"]
-        self.members = nn.ModuleList(
-            Member(self.state_size, self.action_size, ensemble["hidden_size"])
-            for _ in range(ensemble["members"])
+        self.members = Members(
+            ensemble["members"], self.state_size, self.action_size, ensemble["hidden_size"]
         )
 
     def members_count(self) -> int:
         """M."""
-        return len(self.members)
+        return int(self.settings["ensemble"]["members"])
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
         """ŷ_m of all members: [B, M, T, D] from s_0 [B, D], a_{0:T-1} [B, T, A]."""
-        return torch.stack([member(s0, actions) for member in self.members], dim=1)
+        count = self.members_count()
+        everyone = self.members(s0.expand(count, *s0.shape), actions.expand(count, *actions.shape))
+        return torch.movedim(everyone, 0, 1)
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: row r is the forecast of member[r]."""
-        forecasts = torch.empty(*actions.shape[:2], self.state_size, device=s0.device)
-        for index, network in enumerate(self.members):
-            rows = member == index
-            if rows.any():
-                forecasts[rows] = network(s0[rows], actions[rows])
-        return forecasts
+        # The K samples of a scenario share s_0 and actions: forecast each scenario once.
+        return self(s0, actions)[torch.arange(len(member), device=s0.device), member]
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """−log p_θ of each member under a Gaussian of fixed scale: the squared error.
@@ -73,12 +94,8 @@ class Ensemble(Model):
         The batch has a leading axis M: each member sees the data in its own order.
         """
         states, actions = batch["states"], batch["actions"]
-        errors = torch.stack(
-            [
-                (member(s[:, 0], a) - s[:, 1:]).square().mean()
-                for member, s, a in zip(self.members, states, actions, strict=True)
-            ]
-        )
+        forecasts = self.members(states[:, :, 0], actions)
+        errors = (forecasts - states[:, :, 1:]).square().mean((1, 2, 3))
         for index, error in enumerate(errors.detach()):
             self.log(f"loss/member_{index}", error)
         # The members share no parameter, so the sum's gradient is each member's own.

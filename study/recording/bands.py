@@ -6,16 +6,17 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from study.recording.palette import FORECAST, OBSERVED, Colour, faint
-from study.recording.streams import finite, send_scalars, style_lines, time_column
+from study.recording.palette import FORECAST, OBSERVED, faint
+from study.recording.streams import finite, time_column
 
 if TYPE_CHECKING:
     from study.envs.simulator import Variable
 
 TIMELINE = "horizon"
 LEVELS = (0.05, 0.25, 0.50, 0.75, 0.95)
-NAMES = ("5 %", "25 %", "50 %", "75 %", "95 %")
+NAMES = [f"{source} {level:.0%}" for source in ("observed", "forecast") for level in LEVELS]
 _WIDTHS = (0.7, 0.7, 2.5, 0.7, 0.7)
+_ALPHAS = (150, 150, 255, 150, 150)
 
 
 def quantiles(states: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -35,18 +36,27 @@ def log_bands(
     observed: NDArray[np.float64],
     forecast: NDArray[np.float64],
 ) -> None:
-    """The bands [5, T] of one dimension: lines that can be read back, and shading behind them.
+    """The bands [5, T] of one dimension: ten lines that can be read back, and shading behind them.
 
-    `entity/observed` and `entity/forecast` hold five scalars a step, `entity/shade/…` what is
-    needed to draw them: a line without width and a "standard deviation" of half the band.
+    All in one entity, and in one piece: a piece of a recording costs more than what is in it. The
+    shade is a line without width at the middle of 5–95 %, its "standard deviation" half of it.
     """
-    times = np.arange(1, observed.shape[1] + 1)
-    for name, bands, colour in (("observed", observed, OBSERVED), ("forecast", forecast, FORECAST)):
-        names = [f"{name} {level}" for level in NAMES]
-        colours = [faint(colour, 255 if level == "50 %" else 150) for level in NAMES]
-        style_lines(stream, f"{entity}/{name}", names, colours, _WIDTHS)
-        send_scalars(stream, f"{entity}/{name}", TIMELINE, times, bands.T)
-        _log_shade(stream, f"{entity}/shade/{name}", times, bands, colour)
+    steps = observed.shape[1]
+    lines = np.concatenate([observed, forecast]).T
+    low, high = lines[:, [0, 5]], lines[:, [4, 9]]
+    colours = [faint(c, a) for c in (OBSERVED, FORECAST) for a in _ALPHAS]
+    style = rr.SeriesLines(names=NAMES, colors=colours, widths=_WIDTHS * 2)
+    shade = rr.Measurements.from_fields(
+        names=["observed 5–95 %", "forecast 5–95 %"], colors=[OBSERVED, FORECAST], widths=[0.0] * 2
+    )
+    stream.log(entity, style, shade, static=True)
+    columns = [
+        *rr.Scalars.columns(scalars=lines.reshape(-1)).partition(np.full(steps, 10)),
+        *rr.Measurements.columns(
+            values=((low + high) / 2).reshape(-1), variances=(((high - low) / 2) ** 2).reshape(-1)
+        ).partition(np.full(steps, 2)),
+    ]
+    stream.send_columns(entity, [time_column(TIMELINE, np.arange(1, steps + 1))], columns)
 
 
 def axis_range(
@@ -70,24 +80,3 @@ def axis_range(
 def title(variable: "Variable") -> str:
     """A variable's name and unit, as a plot's title."""
     return f"{variable.name} [{variable.unit}]" if variable.unit else variable.name
-
-
-def _log_shade(
-    stream: rr.RecordingStream,
-    entity: str,
-    times: NDArray[np.int64],
-    bands: NDArray[np.float64],
-    colour: Colour,
-) -> None:
-    outer, inner = bands[[0, 4]], bands[[1, 3]]
-    middles = np.stack([outer.mean(axis=0), inner.mean(axis=0)], axis=1)
-    halves = np.stack([outer[1] - outer[0], inner[1] - inner[0]], axis=1) / 2
-    look = rr.Measurements.from_fields(
-        colors=[colour] * 2, widths=[0.0] * 2, names=["5–95 %", "25–75 %"]
-    )
-    stream.log(entity, look, static=True)
-    columns = rr.Measurements.columns(
-        values=middles.astype(np.float32).reshape(-1),
-        variances=(halves**2).astype(np.float32).reshape(-1),
-    ).partition(np.full(len(times), 2))
-    stream.send_columns(entity, [time_column(TIMELINE, times)], columns)

@@ -50,7 +50,7 @@ def plot(
     contents: Sequence[str],
     *,
     span: Range | None = None,
-    legend: bool = True,
+    legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
 ) -> rrb.View:
     """Curves over the timeline; `span` is the range of the y axis."""
     return rrb.TimeSeriesView(
@@ -58,16 +58,13 @@ def plot(
         contents=list(contents),
         name=name,
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
+        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
     )
 
 
 def chart(name: str, origin: str) -> rrb.View:
     """A chart that `charts.Chart` has drawn."""
-    background = rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(128, 128, 128, 0))
-    return rrb.Spatial2DView(
-        origin=origin, name=name, visual_bounds=charts.BOUNDS, background=background
-    )
+    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=charts.BOUNDS)
 
 
 def training(metrics: Sequence[str]) -> rrb.Blueprint:
@@ -76,8 +73,8 @@ def training(metrics: Sequence[str]) -> rrb.Blueprint:
     for metric in metrics:
         groups.setdefault(_training_view(metric), []).append("/" + metric.strip("/"))
     order = ["Loss", "Validation", *(title for title, _ in _TRAINING_VIEWS), "Other"]
-    titles = sorted(groups, key=order.index)
-    views = [plot(title, groups[title]) for title in titles]
+    titles = sorted(groups, key=lambda title: ([*order, title].index(title), title))
+    views = [plot(title, groups[title], legend=rrb.Corner2D.RightTop) for title in titles]
     notes = rrb.Tabs(readme(), readme("/hyperparameters", "Hyperparameters"), name="Notes")
     columns = 1 if len(views) < 3 else 2
     return blueprint(
@@ -100,8 +97,8 @@ def tuning() -> rrb.Blueprint:
                     chart("Intermediate scores of each trial", "/chart/intermediate"),
                 ),
                 rrb.Horizontal(
-                    plot("Score and best so far", ["/value/**", "/best"]),
-                    plot("log₁₀ β of each trial", ["/log10_beta"], legend=False),
+                    plot("Score and best so far", ["/value/**", "/best"], legend=rrb.Corner2D.RightTop),
+                    plot("log₁₀ β of each trial", ["/log10_beta"], legend=None),
                 ),
                 row_shares=[3, 2],
             ),
@@ -114,8 +111,8 @@ def forecast(
     roots: Mapping[str, str],
     bands: Mapping[str, Sequence[tuple[str, str, Range | None]]],
     eyes: Mapping[str, rrb.EyeControls3D],
-    columns: int = 3,
-    rows: int = 2,
+    columns: int = 2,
+    rows: int = 3,
 ) -> rrb.Blueprint:
     """Forecasts: a tab a scenario with the scene in 3D, the probability of success, the bands.
 
@@ -128,7 +125,7 @@ def forecast(
     for title, root in roots.items():
         grids = [
             rrb.Grid(
-                *(plot(name, [f"{entity}/**"], span=span, legend=False) for name, entity, span in page),
+                *(plot(name, [entity], span=span, legend=None) for name, entity, span in page),
                 grid_columns=columns,
                 name=" · ".join(name.split(" [")[0] for name, _, _ in page),
             )
@@ -160,7 +157,7 @@ def scores(curves: Mapping[str, Sequence[str]], reliability: bool) -> rrb.Bluepr
         reliability: whether there is a reliability diagram.
     """
     views: list[rrb.View] = [
-        plot(title, [f"{entity}/**" for entity in entities], legend=True)
+        plot(title, [f"{entity}/**" for entity in entities])
         for title, entities in curves.items()
     ]
     if reliability:
@@ -179,6 +176,9 @@ def _pages(items: Sequence[tuple[str, str, Range | None]], most: int) -> list[li
 
 
 def _training_view(metric: str) -> str:
+    """The title of a metric's view; what is logged of the ensemble stays apart from the model's."""
+    if metric.strip("/").startswith("ensemble/"):
+        return f"Ensemble: {_training_view(metric.strip('/').removeprefix('ensemble/')).lower()}"
     words = metric.lower().replace("/", "_").replace("-", "_").split("_")
     text = "_".join(words)
     for title, keys in _TRAINING_VIEWS:

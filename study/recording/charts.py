@@ -15,7 +15,7 @@ from study.recording.palette import FRAME, faint
 
 WIDTH = 1.6
 # What a view shows around the box, to have room for the labels.
-BOUNDS = rrb.VisualBounds2D(x_range=(-0.24, WIDTH + 0.08), y_range=(-1.08, 0.2))
+BOUNDS = rrb.VisualBounds2D(x_range=(-0.24, WIDTH + 0.08), y_range=(-1.17, 0.2))
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Chart:
         stream.log(f"{entity}/frame", lines, static=True)
         marks = [([WIDTH * self.x.place(t), 0.03], f"{t:g}") for t in self.x.ticks()]
         marks += [([-0.08, -self.y.place(t) - 0.02], f"{t:g}") for t in self.y.ticks()]
-        marks += [([WIDTH / 2, 0.11], self.x.label), ([0.0, -1.06], self.y.label)]
+        marks += [([WIDTH / 2, 0.11], self.x.label), ([0.06, -1.12], self.y.label)]
         labels = rr.Points2D(
             [position for position, _ in marks],
             labels=[text for _, text in marks],

@@ -17,6 +17,9 @@ TIMELINE = "horizon"
 # A forecast's path is drawn while it stays within so many extents of what was observed.
 _REACH = 3.0
 _CIRCLE = 64
+# A path is drawn by so many points at most, and so many runs have a moving dot.
+_POINTS = 60
+_DOTS = 15
 
 Points = NDArray[np.float32]
 
@@ -25,7 +28,8 @@ def log_fan(
     stream: rr.RecordingStream, entity: str, paths: Points, colour: Colour, width: float = 1.0
 ) -> None:
     """Paths [K, T, 3] as lines, for the whole horizon. Each ends where it is first not finite."""
-    strips = [path for path in map(_until_lost, paths) if len(path) > 1]
+    drawn = paths[:, _thin(paths.shape[1])]
+    strips = [path for path in map(_until_lost, drawn) if len(path) > 1]
     lines = rr.LineStrips3D(strips, colors=[colour], radii=rr.Radius.ui_points(width))
     stream.log(entity, lines, static=True)
 
@@ -34,9 +38,11 @@ def log_cloud(
     stream: rr.RecordingStream, entity: str, paths: Points, colour: Colour, size: float = 3.0
 ) -> None:
     """Where the K paths [K, T, 3] are at each step t = 1 … T, as dots that move with the timeline."""
+    chosen = _thin(paths.shape[1])
+    paths = paths[:_DOTS, chosen]
     count, steps, _ = paths.shape
     points = np.where(np.isfinite(paths), paths, np.nan).transpose(1, 0, 2).reshape(-1, 3)
-    times = [time_column(TIMELINE, np.arange(1, steps + 1))]
+    times = [time_column(TIMELINE, chosen + 1)]
     columns = rr.Points3D.columns(positions=points).partition(np.full(steps, count))
     look = rr.Points3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(size))
     stream.log(entity, look, static=True)
@@ -120,6 +126,11 @@ def _extent(points: Points) -> tuple[NDArray[np.float64], float]:
         return np.zeros(3), 1.0
     low, high = flat.min(axis=0), flat.max(axis=0)
     return (low + high) / 2, max(float((high - low).max()) / 2, 1e-3)
+
+
+def _thin(steps: int) -> NDArray[np.int64]:
+    """At most `_POINTS` of the steps, evenly, the first and the last among them."""
+    return np.unique(np.linspace(0, steps - 1, min(steps, _POINTS)).round().astype(np.int64))
 
 
 def _until_lost(path: Points) -> Points:

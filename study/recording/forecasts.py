@@ -83,7 +83,8 @@ def record_forecast(
     roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
     spread = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
     design = _design(simulator, picks, roots, spread)
-    with recording(path, KIND, properties, design) as stream:
+    # Hundreds of small entities: an index of them would be larger than what it points to.
+    with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README, properties)
         model = simulator.scene()
         fixed = scenes.fixed_bodies(model)

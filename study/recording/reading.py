@@ -70,7 +70,8 @@ def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
     if not Path(path).is_file():
         raise StudyError(f"recording {path} is missing")
     try:
-        stream = RrdReader(path).store().stream()
+        # Not by way of the footer, which a recording of many small entities does without.
+        stream = RrdReader(path).stream()
         yield from stream if entity is None else stream.filter(content=[entity])
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__

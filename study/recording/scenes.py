@@ -1,6 +1,6 @@
 """MuJoCo scenes in Rerun: the shapes of a model once, its bodies' motion along a timeline.
 
-The entities mirror the model: `root/body/geom`. A body carries the transform (to the world's frame),
+The entities mirror the model: `root/body/kind of geom`. A body carries the transform (to the world's frame),
 its geoms lie in the body's frame.
 """
 
@@ -17,6 +17,16 @@ from study.recording.streams import entity_path, time_column
 # MuJoCo's viewer hides groups 3 to 5 too: that is where collision shapes are kept.
 _VISIBLE_GROUPS = range(3)
 _THICKNESS = 1e-3
+# Which geoms are drawn as what; height fields and signed distance fields are left out.
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): "planes",
+    int(mujoco.mjtGeom.mjGEOM_BOX): "boxes",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "ellipsoids",
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoids",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinders",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsules",
+    int(mujoco.mjtGeom.mjGEOM_MESH): "meshes",
+}
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
@@ -32,15 +42,21 @@ def fixed_bodies(model: mujoco.MjModel) -> list[int]:
 def log_bodies(
     stream: rr.RecordingStream, root: str, model: mujoco.MjModel, bodies: Sequence[int]
 ) -> None:
-    """The visible geoms of some bodies, for all time, in the bodies' frames."""
-    for geom in range(model.ngeom):
-        body = int(model.geom_bodyid[geom])
-        colour = _colour(model, geom)
-        if body in bodies and model.geom_group[geom] in _VISIBLE_GROUPS and colour[3] > 0:
-            shape = _shape(model, geom, colour)
-            if shape is not None:
-                name = model.geom(geom).name or f"geom_{geom}"
-                stream.log(_body_path(root, model, body, name), shape, static=True)
+    """The visible geoms of some bodies, for all time, in the bodies' frames.
+
+    Those of one kind and body share an entity, `root/body/boxes`: an entity costs kilobytes.
+    """
+    for body in bodies:
+        kinds: dict[str, list[int]] = {}
+        for geom in np.flatnonzero(model.geom_bodyid == body):
+            if model.geom_group[geom] in _VISIBLE_GROUPS and _colour(model, geom)[3] > 0:
+                kinds.setdefault(_KINDS.get(int(model.geom_type[geom]), ""), []).append(int(geom))
+        kinds.pop("", None)
+        for mesh in kinds.pop("meshes", []):
+            stream.log(_body_path(root, model, body, f"mesh_{mesh}"), _mesh(model, mesh), static=True)
+        for kind, geoms in kinds.items():
+            shapes = _shapes(model, kind, geoms)
+            stream.log(_body_path(root, model, body, kind), shapes, static=True)
 
 
 def log_motion(
@@ -81,7 +97,13 @@ def log_poses(
 def body_poses(
     model: mujoco.MjModel, qpos: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """World positions [N, B, 3] and rotations [N, B, 4] (xyzw) of all bodies for qpos [N, nq]."""
+    """World positions [N, B, 3] and rotations [N, B, 4] (xyzw) of all bodies for qpos [N, nq].
+
+    Raises:
+        ValueError: a configuration is not of the model's size.
+    """
+    if qpos.shape[-1] != model.nq:
+        raise ValueError(f"a configuration has {model.nq} numbers, not {qpos.shape[-1]}")
     data = mujoco.MjData(model)
     positions = np.empty((len(qpos), model.nbody, 3), dtype=np.float32)
     rotations = np.empty((len(qpos), model.nbody, 4), dtype=np.float32)
@@ -109,41 +131,33 @@ def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.uint8]:
     return np.asarray(np.clip(rgba, 0, 1) * 255, dtype=np.uint8)
 
 
-def _shape(
-    model: mujoco.MjModel, geom: int, colour: NDArray[np.uint8]
-) -> rr.AsComponents | None:
-    """One geom in its body's frame. Height fields and signed distance fields are left out."""
-    size, position = model.geom_size[geom], model.geom_pos[geom]
-    quaternion = rr.Quaternion(xyzw=xyzw(model.geom_quat[geom]))
+def _shapes(model: mujoco.MjModel, kind: str, geoms: list[int]) -> rr.AsComponents:
+    """Geoms of one kind in their body's frame."""
+    size, centres = model.geom_size[geoms], model.geom_pos[geoms]
     look: dict[str, Any] = {
-        "colors": [colour],
-        "quaternions": [quaternion],
+        "colors": [_colour(model, geom) for geom in geoms],
+        "quaternions": xyzw(model.geom_quat[geoms]),
         "fill_mode": rr.components.FillMode.Solid,
     }
-    match mujoco.mjtGeom(model.geom_type[geom]):
-        case mujoco.mjtGeom.mjGEOM_PLANE:
-            # Size 0 means endless: drawn as far as the rest of the model reaches.
-            half = np.where(size[:2] > 0, size[:2], 3 * model.stat.extent)
-            return rr.Boxes3D(half_sizes=[[*half, _THICKNESS]], centers=[position], **look)
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            return rr.Boxes3D(half_sizes=[size], centers=[position], **look)
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], centers=[position], **look)
-        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            return rr.Ellipsoids3D(half_sizes=[size], centers=[position], **look)
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return rr.Cylinders3D(
-                lengths=[2 * size[1]], radii=[size[0]], centers=[position], **look
-            )
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            start = capsule_start(position, model.geom_quat[geom], float(size[1]))
-            return rr.Capsules3D(
-                lengths=[2 * size[1]], radii=[size[0]], translations=[start], **look
-            )
-        case mujoco.mjtGeom.mjGEOM_MESH:
-            return _mesh(model, geom, colour)
-        case _:
-            return None
+    if kind == "boxes":
+        return rr.Boxes3D(half_sizes=size, centers=centres, **look)
+    if kind == "planes":
+        # Size 0 means endless: drawn as far as the rest of the model reaches.
+        half = np.where(size > 0, size, 3 * model.stat.extent)
+        half[:, 2] = _THICKNESS
+        return rr.Boxes3D(half_sizes=half, centers=centres, **look)
+    if kind == "ellipsoids":
+        spheres = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE
+        half = np.where(spheres[:, None], size[:, :1], size)
+        return rr.Ellipsoids3D(half_sizes=half, centers=centres, **look)
+    lengths, radii = 2 * size[:, 1], size[:, 0]
+    if kind == "cylinders":
+        return rr.Cylinders3D(lengths=lengths, radii=radii, centers=centres, **look)
+    starts = [
+        capsule_start(centre, model.geom_quat[geom], float(half))
+        for geom, centre, half in zip(geoms, centres, size[:, 1], strict=True)
+    ]
+    return rr.Capsules3D(lengths=lengths, radii=radii, translations=starts, **look)
 
 
 def capsule_start(
@@ -155,7 +169,7 @@ def capsule_start(
     return np.asarray(centre + offset)
 
 
-def _mesh(model: mujoco.MjModel, geom: int, colour: NDArray[np.uint8]) -> rr.Mesh3D:
+def _mesh(model: mujoco.MjModel, geom: int) -> rr.Mesh3D:
     mesh = int(model.geom_dataid[geom])
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
@@ -163,5 +177,5 @@ def _mesh(model: mujoco.MjModel, geom: int, colour: NDArray[np.uint8]) -> rr.Mes
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     placed = vertices @ rotation.reshape(3, 3).T + model.geom_pos[geom]
     return rr.Mesh3D(
-        vertex_positions=placed, triangle_indices=faces, albedo_factor=rr.AlbedoFactor(colour)
+        vertex_positions=placed, triangle_indices=faces, albedo_factor=rr.AlbedoFactor(_colour(model, geom))
     )

@@ -30,22 +30,29 @@ def recording_name(kind: str, properties: Properties) -> str:
     return " · ".join(filter(None, (str(properties.get("cell", "")), kind)))
 
 
-def open_stream(path: Path, application: str) -> rr.RecordingStream:
-    """A stream of its own into the file `path`. Every row says on which timeline it is."""
+def open_stream(path: Path, application: str, footer: bool = True) -> rr.RecordingStream:
+    """A stream of its own into the file `path`. Every row says on which timeline it is.
+
+    The footer is an index for reading a part of a large file; it takes a kilobyte an entity.
+    """
     stream = rr.RecordingStream(application, send_properties=True)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    stream.save(path)
+    stream.save(path, write_footer=footer)
     return stream
 
 
 @contextmanager
 def recording(
-    path: Path, kind: str, properties: Properties, blueprint: rrb.Blueprint
+    path: Path,
+    kind: str,
+    properties: Properties,
+    blueprint: rrb.Blueprint,
+    footer: bool = True,
 ) -> Iterator[rr.RecordingStream]:
     """Write the recording `path`: it is there, with its checksum, once the block has succeeded."""
     with replacing(Path(path)) as temporary:
-        stream = open_stream(temporary, application_id(kind, properties))
+        stream = open_stream(temporary, application_id(kind, properties), footer)
         try:
             stream.send_blueprint(blueprint)
             write_properties(stream, recording_name(kind, properties), properties)

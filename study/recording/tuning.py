@@ -50,7 +50,11 @@ def record_tuning(path: Path, trials: Sequence[dict[str, Any]], properties: Prop
             return
         for entity, series in (("/beta", betas), ("/log10_beta", np.log10(betas)), ("/best", best)):
             send_scalars(stream, entity, TIMELINE, numbers, series)
-        style_lines(stream, "/best", ["best so far"], [TARGET], 2.5)
+        steps = rr.components.InterpolationMode.StepAfter
+        look = rr.SeriesLines(
+            names="best so far", colors=TARGET, widths=2.5, interpolation_mode=steps
+        )
+        stream.log("/best", look, static=True)
         look = rr.SeriesPoints(colors=FORECAST, names="log₁₀ β", marker_sizes=5.0)
         stream.log("/log10_beta", look, static=True)
         for state, colour in STATE.items():

@@ -1,0 +1,126 @@
+"""What the user sees while the study runs: a live bar in a terminal, plain lines elsewhere."""
+
+import threading
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from study.artifacts import Store, Task
+from study.execute import Outcome
+from study.progress import read_progress
+
+# Rough shares of a study's time, for the estimate before a stage of the kind has ended.
+EXPECTED = {"collect": 3.0, "ensemble": 4.0, "tune": 4.0, "train": 5.0, "evaluate": 2.0, "record": 0.3}
+# Without a terminal, a long stage is heard of this often.
+HEARTBEAT = 60.0
+
+
+class Display:
+    """Follows the tasks of a run.
+
+    Args:
+        tasks: those that will run.
+        store: where their progress is read.
+        console: where to write.
+        workers: how many run side by side.
+    """
+
+    def __init__(self, tasks: list[Task], store: Store, console: Console, workers: int) -> None:
+        self.tasks, self.store, self.console, self.workers = tasks, store, console, workers
+        self.running: dict[Task, float] = {}
+        self.ended: dict[Task, float] = {}
+        self.began = time.monotonic()
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._bars: dict[Task, TaskID] = {}
+        self._live = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f}%"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+
+    def __enter__(self) -> "Display":
+        self._total = self._live.add_task("study", total=1.0, note="")
+        self._live.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._live.stop()
+
+    def started(self, task: Task) -> None:
+        """A task has begun."""
+        with self._lock:
+            self.running[task] = time.monotonic()
+            self._bars[task] = self._live.add_task(f"  {task.name}", total=1.0, note="")
+
+    def finished(self, outcome: Outcome) -> None:
+        """A task has ended: one line."""
+        with self._lock:
+            self.running.pop(outcome.task, None)
+            self.ended[outcome.task] = outcome.seconds
+            if outcome.task in self._bars:
+                self._live.remove_task(self._bars.pop(outcome.task))
+        count = f"[{len(self.ended)}/{len(self.tasks)}]"
+        name = f"{outcome.task.stage:9} {outcome.task.label}"
+        if outcome.error is None:
+            self._say(f"{count} {name}  {outcome.seconds:.1f} s")
+        else:
+            self._say(f"{count} {name}  FAILED: {outcome.error}")
+            if outcome.seconds:
+                self._say(f"        its log: {self.store.log(outcome.task)}")
+
+    def _say(self, line: str) -> None:
+        self.console.print(line, soft_wrap=True)
+
+    def _follow(self) -> None:
+        heard = time.monotonic()
+        while not self._stop.wait(0.5):
+            with self._lock:
+                shares = {task: self._share(task) for task in self.running}
+                for task, (fraction, message) in shares.items():
+                    self._live.update(self._bars[task], completed=fraction, note=escape(message))
+            done, left = self._estimate({task: share for task, (share, _) in shares.items()})
+            note = f"about {_words(left)} left" if left is not None else ""
+            self._live.update(self._total, completed=done, note=note)
+            if not self.console.is_terminal and time.monotonic() - heard > HEARTBEAT:
+                heard = time.monotonic()
+                running = ", ".join(f"{t.name} {s:.0%}" for t, (s, _) in shares.items())
+                self._say(f"  … {done:.0%} {note}: {running}")
+
+    def _share(self, task: Task) -> tuple[float, str]:
+        state = read_progress(self.store.progress(task))
+        return float(state.get("fraction", 0.0)), str(state.get("message", ""))
+
+    def _estimate(self, shares: dict[Task, float]) -> tuple[float, float | None]:
+        """The share of the whole that is done, and the seconds left."""
+        weights = {task: EXPECTED.get(task.stage, 1.0) for task in self.tasks}
+        total = sum(weights.values())
+        done = sum(weights[task] for task in self.ended)
+        done += sum(weights[task] * share for task, share in shares.items())
+        elapsed = time.monotonic() - self.began
+        if elapsed < 3 or done <= 0.01 * total:
+            return done / total, None
+        return done / total, elapsed * (total - done) / done
+
+
+def _words(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

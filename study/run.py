@@ -1,0 +1,204 @@
+"""The command line: ``python -m study.run all``. Thin: each command is a few calls."""
+
+import importlib
+import os
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from study.arguments import Command, parse
+from study.artifacts import Store
+from study.display import Display
+from study.engine import executor, workers
+from study.errors import BadInput, StudyError, nearest
+from study.files import read_json
+from study.grid import cells, select
+from study.lock import locked
+from study.scheduler import run_tasks
+
+# torch, lightning and mujoco take seconds to import: only the commands that need them do.
+
+KINDS = ("forecast", "scores", "training", "tuning")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command.
+
+    Returns:
+        the exit code: 0 all is well, 1 some stage failed, 2 bad input, 130 interrupted.
+    """
+    try:
+        command = parse(sys.argv[1:] if arguments is None else arguments)
+        _import_plugins(command)
+        return {
+            "all": run_all,
+            "plan": show_plan,
+            "status": show_status,
+            "figures": draw_figures,
+            "view": view,
+        }[command.command](command)
+    except StudyError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except OSError as error:
+        # A full disk, a folder that went away: nothing that is complete is lost.
+        print(f"error: {error}; free the place or use another --out, and run again", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped: run the same command again to go on from here", file=sys.stderr)
+        return 130
+
+
+def run_all(command: Command) -> int:
+    """Run what is not up to date, then publish."""
+    from study import report, summary
+    from study.pipeline import Pipeline, plan
+
+    config, console = command.config, _console()
+    pipeline, store = Pipeline(config), _store(command)
+    every = cells(config)
+    chosen = select(every, command.only)
+    _check_out(command.out)
+    command.out.mkdir(parents=True, exist_ok=True)
+    with locked(command.out):
+        tasks = pipeline.tasks(chosen)
+        store.forget_progress()
+        due = {task: why for task, why in plan(tasks, store).items() if why is not None}
+        for task, why in due.items():
+            if why.startswith("damaged"):
+                console.print(f"{task.name}: {why}; it is made again", soft_wrap=True)
+        errors = {}
+        if due:
+            side_by_side = min(workers(config.engine), len(due))
+            console.print(
+                f"{len(due)} of {len(tasks)} stages to run for {len(chosen)} cells, "
+                f"{side_by_side} at a time; results in {command.out}",
+                soft_wrap=True,
+            )
+            with (
+                Display(list(due), store, console, side_by_side) as display,
+                executor(config.engine) as pool,
+            ):
+                errors = run_tasks(
+                    list(due),
+                    store,
+                    pool,
+                    side_by_side,
+                    config.engine.threads,
+                    display.started,
+                    display.finished,
+                )
+        changed = report.publish(config, every, store, command.out)
+        if due:
+            summary.write_timings(pipeline, every, store, config, command.out)
+        if not due and not changed:
+            console.print(f"{command.out}: everything is up to date, nothing to run")
+        summary.print_table(console, config, every, store, pipeline, errors, command.out)
+    return 1 if errors else 0
+
+
+def show_plan(command: Command) -> int:
+    """What `all` would run, and why."""
+    from study import report
+    from study.pipeline import Pipeline, plan
+
+    console, store = _console(), _store(command)
+    _check_out(command.out)
+    every = cells(command.config)
+    pipeline = Pipeline(command.config)
+    tasks = pipeline.tasks(select(every, command.only))
+    states = plan(tasks, store)
+    for task, why in states.items():
+        console.print(f"{task.stage:9} {task.label:36} {why or 'up to date'}", soft_wrap=True)
+    due = sum(why is not None for why in states.values())
+    unpublished = report.why_not_published(command.config, every, store, command.out)
+    publishing = f"results: {unpublished}" if unpublished else "results: up to date"
+    console.print(f"{due} of {len(tasks)} stages to run; {publishing}", soft_wrap=True)
+    return 0
+
+
+def show_status(command: Command) -> int:
+    """What is done, running and failed."""
+    from study import summary
+    from study.pipeline import Pipeline
+
+    chosen = select(cells(command.config), command.only)
+    tasks = Pipeline(command.config).tasks(chosen)
+    summary.print_status(_console(), tasks, _store(command), command.out)
+    return 0
+
+
+def draw_figures(command: Command) -> int:
+    """Tables and figures again, from the results alone."""
+    from study import report
+
+    for path in report.draw(command.out):
+        print(path)
+    return 0
+
+
+def view(command: Command) -> int:
+    """Open a cell's recording."""
+    from study.recording.viewer import open_viewer
+
+    names = [cell.name for cell in cells(command.config)]
+    if command.cell not in names:
+        raise BadInput(f"unknown cell '{command.cell}': {nearest(str(command.cell), names)}")
+    if command.kind not in KINDS:
+        raise BadInput(f"--kind: got '{command.kind}'; {nearest(command.kind, KINDS)}")
+    folder = command.out / "recordings" / command.cell
+    path = folder / f"{command.kind}.rrd"
+    if not path.is_file():
+        there = sorted(file.stem for file in folder.glob("*.rrd"))
+        hint = f"--kind: {', '.join(there)}" if there else "python -m study.run all"
+        raise StudyError(f"there is no recording {path}; there is {hint}")
+    open_viewer([path])
+    return 0
+
+
+def _store(command: Command) -> Store:
+    return Store(command.out / "work")
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False)
+
+
+def _import_plugins(command: Command) -> None:
+    """Import the user's own modules, which register environments and models."""
+    sys.path.insert(0, os.getcwd())
+    for plugin in command.config.plugins:
+        try:
+            importlib.import_module(plugin)
+        except ImportError as error:
+            raise BadInput(f"plugins: cannot import '{plugin}': {error}") from None
+
+
+def _check_out(out: Path) -> None:
+    """The folder can be written, and is of this version.
+
+    Raises:
+        BadInput: it cannot, or is not.
+    """
+    from study.report import FORMAT, STUDY
+
+    parent = out
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
+    if (out / STUDY).exists():
+        try:
+            found = read_json(out / STUDY).get("format")
+        except (OSError, ValueError, AttributeError):
+            return  # damaged: it is written again
+        if found != FORMAT:
+            raise BadInput(
+                f"--out: {out} was made by another version (format {found}, this one writes "
+                f"{FORMAT}); give another --out"
+            )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What the terminal shows of a study as a whole: the final table, the state of its stages, times."""
+
+import platform
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from study.artifacts import Store, Task
+from study.config import Config
+from study.files import read_json, write_json
+from study.grid import Cell
+from study.lock import is_locked
+from study.paper import BRIER
+from study.pipeline import Pipeline
+from study.progress import read_progress
+
+
+def print_table(
+    console: Console,
+    config: Config,
+    cells: list[Cell],
+    store: Store,
+    pipeline: Pipeline,
+    errors: dict[Task, str],
+    out: Path,
+) -> None:
+    """One row a cell: β, MMD², Brier score, the oracle's Brier score, the paper's."""
+    scores = _overall(out / "scores.parquet")
+    table = Table(title=f"{config.name}: MMD² and Brier scores (lower is better)")
+    table.add_column("cell", no_wrap=True)
+    for column in ("β", "MMD²", "Brier", "oracle", "paper"):
+        table.add_column(column, justify="right")
+    for cell in cells:
+        mmd2, brier = (_value(scores, cell, metric) for metric in ("mmd2", "brier"))
+        oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
+        failed = pipeline.record(cell) in errors
+        table.add_row(
+            cell.name,
+            "failed" if failed else _beta(cell, store, pipeline),
+            _number(mmd2, 4),
+            _number(brier, 3),
+            _number(_value(scores, oracle, "brier"), 3),
+            _number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
+        )
+    console.print(table)
+    shown = {
+        "claims": out / "claims.md",
+        "tables": out / "tables",
+        "figures": out / "figures",
+        "recordings": out / "recordings",
+    }
+    for name, path in shown.items():
+        console.print(f"{name:11} {path}", soft_wrap=True)
+    for task, error in errors.items():
+        console.print(f"FAILED {task.name}: {error}  log: {store.log(task)}", soft_wrap=True)
+
+
+def print_status(console: Console, tasks: list[Task], store: Store, out: Path) -> None:
+    """One line a stage: done, running, failed or to do, with its time."""
+    busy = is_locked(out)
+    table = Table(title=f"{out}{' (a run is going on)' if busy else ''}")
+    for column in ("stage", "for", "state"):
+        table.add_column(column, no_wrap=True)
+    table.add_column("seconds", justify="right")
+    total = 0.0
+    for task in tasks:
+        state, seconds = _state(task, store, busy)
+        total += seconds or 0.0
+        table.add_row(task.stage, task.label, state, _number(seconds, 1))
+    table.add_section()
+    table.add_row("all", "", "", f"{total:.1f}")
+    console.print(table)
+
+
+def write_timings(
+    pipeline: Pipeline, cells: list[Cell], store: Store, config: Config, out: Path
+) -> None:
+    """``timings.json``: how long each stage took, on what, and how the stages were run.
+
+    These differ from run to run, so they are not part of ``study.json``.
+    """
+    seconds = {
+        task.name: round(timing["seconds"], 3)
+        for task in pipeline.tasks(cells)
+        if (timing := store.timing(task))
+    }
+    write_json(
+        out / "timings.json",
+        {
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "machine": f"{platform.system()} {platform.machine()}",
+            "engine": asdict(config.engine),
+            "seconds": seconds,
+        },
+    )
+
+
+def _state(task: Task, store: Store, busy: bool) -> tuple[str, float | None]:
+    seconds = store.timing(task).get("seconds")
+    if seconds is not None:
+        return "done", float(seconds)
+    if busy and store.progress(task).exists():
+        progress = read_progress(store.progress(task))
+        return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}", None
+    if store.failure(task).exists():
+        return f"failed: {store.failure(task).read_text().strip()}", None
+    return "to do", None
+
+
+def _overall(path: Path) -> dict[tuple[str, str, str, int, str], float]:
+    """The scores averaged over everything, by environment, level, model, seed and metric."""
+    if not path.exists():
+        return {}
+    scores = pd.read_parquet(path)
+    rows = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
+    keys = zip(rows.environment, rows.level, rows.model, rows.seed, rows.metric, strict=True)
+    return dict(zip(keys, rows.value, strict=True))
+
+
+def _value(scores: dict[Any, float], cell: Cell, metric: str) -> float | None:
+    return scores.get((cell.environment, cell.level, cell.model, cell.seed, metric))
+
+
+def _beta(cell: Cell, store: Store, pipeline: Pipeline) -> str:
+    if cell.is_reference:
+        return ""
+    try:
+        beta = read_json(store.folder(pipeline.train(cell)) / "fit.json")["beta"]
+    except (OSError, ValueError, KeyError):
+        return "–"
+    return "" if beta is None else f"{beta:.2g}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    if value is None:
+        return ""
+    return f"{value:.{digits}f}" if np.isfinite(value) else str(value)

@@ -1,0 +1,474 @@
+"""The UAV: its contract, its physics against formulas and a second rigid body, and its tasks."""
+
+import inspect
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.envs import Rollout, Simulator, simulators, uav, uav_flight, uav_pilot
+from study.envs import uav_physics as physics
+from study.envs.uav_autopilot import ALLOCATION, _mix
+from study.envs.uav_flight import Flight, Floats, _rates, _spin
+from study.envs.uav_physics import SWARM, Bodies, Doubles, Weather
+from study.seeds import Seeds, spawn
+
+
+def still(count: int, height: float = 30.0, **columns: float) -> Floats:
+    """Vehicles [N, 17] at rest in still air of standard temperature, fully charged."""
+    names = [variable.name for variable in uav.Uav.state]
+    s0 = np.zeros((count, len(names)), np.float32)
+    for name, value in ({"z": height, "temperature": 15.0, "battery": 100.0} | columns).items():
+        s0[:, names.index(name)] = value
+    return s0
+
+
+def hover(flight: Flight, seconds: float, command: tuple[float, ...] = (0, 0, 0, 0)) -> Floats:
+    """The states [N, 17] after a constant command, looked at every two seconds."""
+    actions = np.tile(np.array(command, np.float32), (flight.count, 1))
+    for _ in range(round(seconds / 2)):
+        state = flight.advance(actions, round(2.0 / flight.timestep))
+    return state
+
+
+def fly(simulator: Simulator, count: int, seed: int = 0) -> tuple[Floats, Floats, Seeds]:
+    """Starts and plans of `count` scenarios, and seeds to fly them with."""
+    seeds = spawn(seed, count)
+    scenarios = simulator.draw(seeds)
+    return scenarios.s0, simulator.plan(scenarios, seeds), seeds
+
+
+def same(one: Rollout, other: Rollout) -> bool:
+    return np.array_equal(one.states, other.states) and np.array_equal(one.hidden, other.hidden)
+
+
+# The contract
+
+
+def test_sizes_and_start() -> None:
+    simulator = simulators["uav"](horizon=4)
+    s0, actions, seeds = fly(simulator, 5)
+    rollout = simulator.rollout(s0, actions, seeds)
+    assert (len(simulator.state), len(simulator.action)) == (17, 4)
+    assert actions.shape == (5, 4, 4)
+    assert rollout.states.shape == (5, 5, 17)
+    assert rollout.hidden.shape == (5, 1)
+    assert np.array_equal(rollout.states[:, 0], s0)
+    for array in (s0, actions, rollout.states, rollout.hidden):
+        assert array.dtype == np.float32
+
+
+@pytest.mark.parametrize("horizon", [1, 7, 65])
+def test_other_horizons(horizon: int) -> None:
+    simulator = simulators["uav"](horizon=horizon)
+    s0, actions, seeds = fly(simulator, 3)
+    rollout = simulator.rollout(s0, actions, seeds)
+    assert rollout.states.shape == (3, horizon + 1, 17)
+    assert np.isfinite(rollout.states).all()
+
+
+def test_a_shorter_flight_is_the_beginning_of_a_longer_one() -> None:
+    simulator = simulators["uav"](horizon=8)
+    s0, actions, seeds = fly(simulator, 3)
+    long, short = (simulator.rollout(s0, actions[:, :t], seeds) for t in (8, 5))
+    assert np.array_equal(long.states[:, :6], short.states)
+
+
+def test_a_flight_depends_on_its_own_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulator = simulators["uav"](horizon=12)
+    s0, actions, seeds = fly(simulator, SWARM + 9)
+    s0[3, 2], actions[3, :, 2] = 1.0, -3.0  # one that crashes
+    s0[5, 16] = 0.05  # and one that runs empty
+    whole = simulator.rollout(s0, actions, seeds)
+    assert whole.states[3, -1, 2] == 0
+    assert whole.states[5, -1, 16] == 0
+
+    order = np.random.default_rng(0).permutation(len(s0))
+    shuffled = simulator.rollout(s0[order], actions[order], seeds[order])
+    assert same(shuffled, Rollout(whole.states[order], whole.hidden[order]))
+    for pick in ([3], [5], [0, 40], list(range(7))):
+        part = simulator.rollout(s0[pick], actions[pick], seeds[pick])
+        assert same(part, Rollout(whole.states[pick], whole.hidden[pick]))
+    threaded = simulators["uav"](horizon=12, threads=2)
+    assert same(threaded.rollout(s0, actions, seeds), whole)
+    monkeypatch.setattr(uav, "CHUNK", 10)
+    assert same(simulator.rollout(s0, actions, seeds), whole)
+
+
+def test_scenario_and_plan_depend_on_their_own_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulator = simulators["uav"](horizon=10)
+    s0, actions, _ = fly(simulator, SWARM + 5, seed=1)
+    seeds = spawn(1, SWARM + 5)
+    monkeypatch.setattr(uav, "CHUNK", 3)
+    for pick in ([0], [36, 2], [7, 8, 9, 10]):
+        scenarios = simulator.draw(seeds[pick])
+        assert np.array_equal(scenarios.s0, s0[pick])
+        assert np.array_equal(simulator.plan(scenarios, seeds[pick]), actions[pick])
+
+
+def test_other_seeds_draw_other_payloads_and_gusts() -> None:
+    simulator = simulators["uav"](horizon=5)
+    s0, actions, _ = fly(simulator, 1)
+    many = simulator.rollout(s0.repeat(400, 0), actions.repeat(400, 0), spawn(9, 400))
+    low, high = simulator.hidden[0].low, simulator.hidden[0].high
+    assert many.hidden.min() >= low
+    assert many.hidden.max() <= high
+    # A uniform's mean and deviation, within four standard errors.
+    width = high - low
+    assert many.hidden.mean() == pytest.approx(low + width / 2, abs=4 * width / np.sqrt(12 * 400))
+    assert many.hidden.std() == pytest.approx(width / np.sqrt(12), rel=0.1)
+    assert (many.states[:, 1:, 12:15].std(axis=0) > 0).all()
+
+
+def test_without_noise_seeds_do_not_matter_and_the_payload_is_the_mean() -> None:
+    simulator = simulators["uav"](horizon=6)
+    s0, actions, seeds = fly(simulator, 4)
+    one = simulator.rollout(s0, actions, seeds, noise=False)
+    other = simulator.rollout(s0, actions, spawn(5, 4), noise=False)
+    assert same(one, other)
+    assert (one.hidden == np.float32(physics.MEAN_PAYLOAD)).all()
+    assert (one.states[..., 12:15] == s0[:, None, 12:15]).all()
+
+
+def test_actions_are_clipped_to_their_bounds() -> None:
+    simulator = simulators["uav"](horizon=3)
+    s0, actions, seeds = fly(simulator, 2)
+    wild = actions.copy()
+    wild[:, 1] = [100.0, -100.0, 50.0, -7.0]
+    tame = actions.copy()
+    tame[:, 1] = [8.0, -8.0, 3.0, -1.0]
+    assert same(simulator.rollout(s0, wild, seeds), simulator.rollout(s0, tame, seeds))
+
+
+def test_the_docstring_says_what_the_code_does() -> None:
+    text = inspect.getdoc(uav.Uav) or ""
+    cls = uav.Uav
+    tables = (cls.state, cls.action, cls.hidden, cls.task, uav.START, uav_pilot.HABITS)
+    rows = [
+        f"| {row} | {v.name} | {v.unit} | {v.meaning} | {v.low:.4g} | {v.high:.4g} |"
+        for table in tables
+        for row, v in enumerate(table)
+    ]
+    header = [
+        "| # | name | unit | meaning | low | high |",
+        "|---|------|------|---------|-----|------|",
+    ]
+    written = [line for line in text.splitlines() if line.startswith("|") and line not in header]
+    assert written == rows
+    assert f"within {cls.radius:g} m" in text
+    assert f"control step of {cls.control_step} s" in text
+    assert f"at {1 / cls(1).scene().opt.timestep:g} Hz" in text
+    assert f"horizon below {cls.default_horizon}" in text
+    assert f"payload {physics.MEAN_PAYLOAD} kg" in text
+    wind = np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
+    calm, breeze = physics.gust_deviations(wind).T
+    level, vertical = physics.GUST_TIMES[0, 0], physics.GUST_TIMES[2, 0]
+    prose = " ".join(text.split())
+    assert (
+        f"deviation {calm[0]:g} + {breeze[0] - calm[0]:g} W m/s and correlation time {level:g} s "
+        f"level, and {calm[2]:g} + {breeze[2] - calm[2]:g} W m/s and {vertical:g} s vertically"
+    ) in prose
+    assert (
+        f"likewise, {physics.TEMPERATURE_DEVIATION:g} degC and {physics.TEMPERATURE_TIME:g} s"
+    ) in prose
+
+
+def test_scenarios_lie_within_their_bounds() -> None:
+    simulator = simulators["uav"]()
+    scenarios = simulator.draw(spawn(2, 300))
+    bounds = {v.name: v for v in uav.START}
+    for column, variable in enumerate(simulator.state):
+        drawn = scenarios.s0[:, column]
+        assert (drawn >= variable.low).all()
+        assert (drawn <= variable.high).all()
+        if variable.name in bounds:
+            v = bounds[variable.name]
+            assert drawn.min() == pytest.approx(v.low, abs=0.05 * (v.high - v.low))
+            assert drawn.max() == pytest.approx(v.high, abs=0.05 * (v.high - v.low))
+    away = scenarios.task - scenarios.s0[:, :3]
+    pace = np.linalg.norm(away[:, :2], axis=1) / (simulator.horizon * simulator.control_step)
+    assert pace.min() >= bounds["pace"].low
+    assert pace.max() <= bounds["pace"].high + 1e-4
+
+
+# The physics
+
+
+class NumpyBodies(Bodies):
+    """An independent rigid body: Newton and Euler, semi-implicit steps of the same length."""
+
+    def __init__(self, mass: Doubles, step: float | None = None, threads: int = 1) -> None:
+        super().__init__(mass, step, threads)
+        self.mass = mass
+
+    def place(self) -> None: ...
+
+    def step(self, force: Doubles, torque: Doubles, still: np.ndarray) -> None:
+        moving = ~still
+        weight = np.array([0.0, 0.0, -physics.GRAVITY])[:, None]
+        inertia = physics.INERTIA[:, None]
+        gyroscopic = np.cross(self.spin, inertia * self.spin, axis=0)
+        self.velocity[:, moving] += (self.timestep * (force / self.mass + weight))[:, moving]
+        self.spin[:, moving] += (self.timestep * (torque - gyroscopic) / inertia)[:, moving]
+        self.position[:, moving] += self.timestep * self.velocity[:, moving]
+        turn = Rotation.from_rotvec(self.timestep * self.spin.T)
+        turned = Rotation.from_quat(self.quaternion[[1, 2, 3, 0]].T) * turn
+        self.quaternion[:, moving] = turned.as_quat()[:, [3, 0, 1, 2]].T[:, moving]
+
+
+def test_mujoco_agrees_with_an_independent_rigid_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulator = simulators["uav"](horizon=40)
+    s0, actions, seeds = fly(simulator, SWARM, seed=3)
+    s0[3, 2], actions[3, :, 2] = 3.0, -3.0  # one that crashes
+    ours = simulator.rollout(s0, actions, seeds).states
+    monkeypatch.setattr(uav_flight, "Bodies", NumpyBodies)
+    theirs = simulator.rollout(s0, actions, seeds).states
+    # What is left is the rounding of the states to float32.
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-6)
+
+
+def test_a_vehicle_of_the_swarm_moves_like_the_one_of_the_scene() -> None:
+    model = simulators["uav"]().scene()
+    data = mujoco.MjData(model)
+    generator = np.random.default_rng(0)
+    bodies = Bodies(np.full(SWARM, physics.MASS))
+    bodies.position[:] = generator.normal(size=(3, SWARM))
+    bodies.velocity[:] = generator.normal(size=(3, SWARM))
+    bodies.spin[:] = generator.normal(size=(3, SWARM))
+    bodies.place()
+    data.qpos[:] = [*bodies.position[:, 7], *bodies.quaternion[:, 7]]
+    data.qvel[:] = [*bodies.velocity[:, 7], *bodies.spin[:, 7]]
+    for _ in range(200):
+        force, torque = generator.normal(size=(2, 3, SWARM))
+        torque *= 0.01
+        bodies.step(force, torque, np.zeros(SWARM, bool))
+        data.qfrc_applied[:] = [*force[:, 7], *torque[:, 7]]
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(bodies.position[:, 7], data.qpos[:3], rtol=1e-12)
+    np.testing.assert_allclose(bodies.spin[:, 7], data.qvel[3:], rtol=1e-10)
+
+
+def test_energy_is_conserved_to_the_order_of_the_integrator() -> None:
+    def drift(step: float) -> Doubles:
+        bodies = Bodies(np.full(SWARM, physics.MASS), step)
+        bodies.velocity[:] = np.array([3.0, -2.0, 6.0])[:, None]
+        bodies.spin[:] = np.array([2.0, -1.0, 3.0])[:, None]
+        bodies.place()
+        inertia, zeros = physics.INERTIA[:, None], np.zeros((3, SWARM))
+
+        def energies() -> Doubles:
+            motion = 0.5 * physics.MASS * (bodies.velocity**2).sum(0)
+            height = physics.MASS * physics.GRAVITY * bodies.position[2]
+            return np.stack([motion + height, 0.5 * (inertia * bodies.spin**2).sum(0)])
+
+        before = energies()
+        for _ in range(round(2.0 / step)):
+            bodies.step(zeros, zeros, np.zeros(SWARM, bool))
+        return np.abs(energies() - before)[:, 0]
+
+    coarse, fine = drift(0.02), drift(0.01)
+    assert (coarse < [3.0, 0.05]).all()
+    np.testing.assert_allclose(coarse / fine, 2.0, rtol=0.1)
+
+
+def test_rates_and_turning_are_inverse() -> None:
+    generator = np.random.default_rng(0)
+    angles, rates = generator.uniform(-1.2, 1.2, (2, 3, 50))
+    matrix = np.moveaxis(Rotation.from_euler("ZYX", angles[::-1].T).as_matrix(), 0, -1)
+    np.testing.assert_allclose(physics.rotation(physics.quaternion(*angles)), matrix, atol=1e-12)
+    np.testing.assert_allclose(_rates(matrix, _spin(angles, rates)), rates, atol=1e-12)
+
+
+def test_hover_in_still_air() -> None:
+    payload = np.array([0.0, 0.3, 0.6])
+    flight = Flight(still(3, height=60.0), payload)
+    before = hover(flight, 60.0)
+    weight = (physics.MASS + payload) * physics.GRAVITY
+    height, temperature = before[:, 2].astype(float), before[:, 15].astype(float)
+    density = physics.air_density(height, temperature)
+    constant = physics.THRUST_CONSTANT * density / physics.STANDARD_DENSITY
+    thrusts = constant * flight.speeds[:, :3] ** 2
+    np.testing.assert_allclose(thrusts.sum(axis=0), weight, rtol=2e-3)
+
+    after = hover(flight, 4.0)
+    disc = 2 * density * np.pi * physics.ROTOR_RADIUS**2
+    watts = 4 * (weight / 4) ** 1.5 / (physics.FIGURE_OF_MERIT * np.sqrt(disc)) + 15.0
+    share = 1 - physics.COLD_LOSS * (25.0 - temperature)
+    drained = 100 * watts * 4.0 / (physics.ENERGY * share)
+    np.testing.assert_allclose(before[:, 16] - after[:, 16], drained, rtol=3e-3)
+
+
+def test_a_heavier_payload_sinks_more_and_drains_more() -> None:
+    payloads = np.linspace(0, physics.MAX_PAYLOAD, SWARM)
+    state = hover(Flight(still(SWARM), payloads), 12.0, (3.0, 1.0, 0.5, 0.2))
+    assert (np.diff(state[:, 2]) < 0).all()
+    assert (np.diff(state[:, 16]) < 0).all()
+
+
+def test_terminal_sink_speed_matches_the_drag() -> None:
+    flight = Flight(still(1, height=700.0, battery=0.0), np.zeros(1))
+    state = hover(flight, 20.0)
+    density = physics.air_density(state[:, 2].astype(float), state[:, 15].astype(float))
+    weight = physics.MASS * physics.GRAVITY
+    assert state[0, 5] == pytest.approx(
+        -np.sqrt(2 * weight / (density[0] * physics.DRAG_AREA)), rel=0.01
+    )
+
+
+def test_an_airborne_vehicle_drifts_with_the_wind() -> None:
+    state = hover(Flight(still(2, wind_x=6.0), np.full(2, 0.3)), 10.0)
+    assert (state[:, 3] > 0.5).all()
+    assert np.abs(state[:, 4]).max() < 0.05
+
+
+def test_set_points_are_followed_and_yaw_is_not_wrapped() -> None:
+    state = hover(Flight(still(1, height=50.0), np.array([0.3])), 12.0, (4.0, -2.0, 1.0, 0.8))
+    # The velocity loop is proportional: drag leaves it short of the level set-point.
+    np.testing.assert_allclose(state[0, 3:6], [4.0, -2.0, 1.0], rtol=0.3)
+    assert state[0, 11] == pytest.approx(0.8, rel=0.1)
+    assert state[0, 8] > 2 * np.pi
+
+
+@pytest.mark.parametrize("step", [0.02, 0.4])
+def test_gusts_have_the_stated_deviation_and_correlation_time(step: float) -> None:
+    count, generator = 4000, np.random.default_rng(0)
+    wind = np.array([3.0, 4.0, 0.1])[:, None].repeat(count, 1)
+    weather = Weather(wind, np.full(count, 20.0), np.zeros(count), step)
+    # From zero the variance grows as 1 - exp(-2 t / time).
+    for _ in range(round(4.0 / step)):
+        weather.advance(generator.standard_normal((4, count)))
+    early, early_heat = weather.wind - wind, weather.temperature(np.zeros(count)) - 20.0
+    grown = np.sqrt(1 - np.exp(-8.0 / physics.GUST_TIMES[:, 0]))
+    np.testing.assert_allclose(early.std(axis=1), grown * np.array([1.8, 1.8, 0.8]), rtol=0.05)
+    for _ in range(round(2.0 / step)):
+        weather.advance(generator.standard_normal((4, count)))
+    late, late_heat = weather.wind - wind, weather.temperature(np.zeros(count)) - 20.0
+    kept = (early * late).mean(axis=1) / early.var(axis=1)
+    np.testing.assert_allclose(kept, np.exp(-2.0 / physics.GUST_TIMES[:, 0]), atol=0.06)
+    heat = physics.TEMPERATURE_DEVIATION * np.sqrt(1 - np.exp(-12.0 / physics.TEMPERATURE_TIME))
+    assert late_heat.std() == pytest.approx(heat, rel=0.05)
+    kept_heat = (early_heat * late_heat).mean() / early_heat.var()
+    assert kept_heat == pytest.approx(np.exp(-2.0 / physics.TEMPERATURE_TIME), abs=0.06)
+
+
+def test_less_charge_less_thrust() -> None:
+    speeds = physics.top_speed(np.array([0.0, 1e-6, 50.0, 100.0]))
+    assert speeds[0] == 0
+    assert speeds[1] == pytest.approx(physics.MAX_SPEED * 3.5 / 4.2)
+    assert (np.diff(speeds) > 0).all()
+    assert speeds[3] == physics.MAX_SPEED
+
+
+def test_the_mixer_keeps_attitude_when_thrust_runs_out() -> None:
+    generator = np.random.default_rng(0)
+    count = 200
+    torque = generator.normal(size=(3, count)) * np.array([0.5, 0.5, 0.05])[:, None]
+    thrust, ceiling = generator.uniform(0, 40, count), np.full(count, 7.0)
+    for harder in (0.4, 3.0):
+        thrusts = _mix(thrust, harder * torque, ceiling)
+        assert thrusts.min() >= 0
+        assert thrusts.max() <= 7.0 + 1e-12
+        given = ALLOCATION @ thrusts
+        # One scale for roll and pitch, so the direction of the torque is kept; 1 where it fits.
+        scale = given[1] / (harder * torque[0])
+        np.testing.assert_allclose(given[2], scale * harder * torque[1], atol=1e-9)
+        assert scale.max() <= 1 + 1e-9
+        assert np.isclose(scale, 1).mean() > (0.99 if harder < 1 else 0.05)
+        if harder < 1:
+            assert 0.1 < np.isclose(given[0], thrust).mean() < 0.9
+    assert (_mix(thrust, torque, np.zeros(count)) == 0).all()
+
+
+# The end
+
+
+def test_the_ground_ends_a_flight_in_a_defined_state() -> None:
+    simulator = simulators["uav"](horizon=20)
+    s0 = still(2, height=4.0, yaw=5.0, wind_x=5.0, vx=3.0)
+    actions = np.tile(np.array([4.0, 0.0, -3.0, 0.5], np.float32), (2, 20, 1))
+    states = simulator.rollout(s0, actions, spawn(0, 2)).states
+    landed = states[0, states[0, :, 2] == 0]
+    assert 5 < len(landed) < 20
+    assert (landed[:, 3:8] == 0).all()
+    assert (landed[:, 9:12] == 0).all()
+    assert (landed[:, [0, 1, 8, 16]] == landed[0, [0, 1, 8, 16]]).all()
+    assert 5.0 < landed[0, 8] < 8.0  # the heading it had, still not wrapped
+    assert (np.diff(landed[:, 12]) != 0).all()  # the weather goes on
+    assert states[:, :, 2].min() == 0
+
+
+def test_an_empty_battery_lets_it_fall() -> None:
+    simulator = simulators["uav"](horizon=40)
+    s0 = still(SWARM, height=40.0, battery=2.0)
+    actions = np.tile(np.array([6.0, -3.0, 0.5, 1.0], np.float32), (SWARM, 40, 1))
+    states = simulator.rollout(s0, actions, spawn(0, SWARM)).states
+    assert (states[:, -1, 16] == 0).all()
+    assert (states[:, -1, 2] == 0).all()
+    assert (states[:, :, 5].min(axis=1) < -15).all()
+    assert np.isfinite(states).all()
+
+
+def test_violent_commands_stay_finite_and_upright() -> None:
+    simulator = simulators["uav"]()
+    generator = np.random.default_rng(0)
+    s0 = simulator.draw(spawn(4, 64)).s0
+    bounds = np.array([(v.low, v.high) for v in simulator.action]).T
+    actions = generator.uniform(bounds[0], bounds[1], (64, 60, 4)).astype(np.float32)
+    states = simulator.rollout(s0, actions, spawn(4, 64)).states
+    assert np.isfinite(states).all()
+    powered = states[(states[..., 16].min(axis=1) > 0)]
+    assert len(powered) > 40
+    assert np.abs(powered[..., 6:8]).max() < 1.2
+
+
+# The task
+
+
+def test_plans_reach_the_target_on_the_nominal_system() -> None:
+    simulator = simulators["uav"]()
+    seeds = spawn(6, 100)
+    scenarios = simulator.draw(seeds)
+    actions = simulator.plan(scenarios, seeds)
+    nominal = simulator.rollout(scenarios.s0, actions, seeds, noise=False)
+    assert simulator.outcome(nominal.states[:, 1:], scenarios.task).mean() >= 0.85
+    noisy = simulator.rollout(scenarios.s0, actions, seeds)
+    assert 0.3 < simulator.outcome(noisy.states[:, 1:], scenarios.task).mean() < 0.75
+    assert (actions[:, :, :2] ** 2).sum(-1).max() <= uav_pilot.MAX_SPEED**2 + 1e-3
+
+
+def test_the_same_scenario_is_flown_in_many_manners() -> None:
+    simulator = simulators["uav"]()
+    scenarios = simulator.draw(spawn(7, 1).repeat(20))
+    actions = simulator.plan(scenarios, spawn(8, 20))
+    assert (actions.std(axis=0).mean(axis=0) > [0.3, 0.3, 0.1, 0.05]).all()
+
+
+# The picture
+
+
+def test_the_scene_is_the_airframe_of_the_physics() -> None:
+    model = simulators["uav"]().scene()
+    assert model.nq == 7
+    body = model.body("uav")
+    assert body.mass[0] == physics.MASS
+    np.testing.assert_array_equal(body.inertia, physics.INERTIA)
+    assert model.opt.gravity[2] == -physics.GRAVITY
+    for rotor, place in enumerate(physics.ROTORS):
+        np.testing.assert_array_equal(model.site(f"mount_{rotor}").pos[:2], place)
+        assert model.geom(f"rotor_{rotor}").size[0] == physics.ROTOR_RADIUS
+
+
+def test_configuration_draws_the_state() -> None:
+    simulator = simulators["uav"]()
+    states = still(6).reshape(2, 3, 17)
+    states[..., :9] = np.random.default_rng(0).uniform(-1, 1, (2, 3, 9))
+    configuration = simulator.configuration(states)
+    assert configuration.shape == (2, 3, 7)
+    assert np.array_equal(simulator.position(states), states[..., :3])
+    model = simulator.scene()
+    data = mujoco.MjData(model)
+    data.qpos[:] = configuration[1, 2]
+    mujoco.mj_kinematics(model, data)
+    wanted = Rotation.from_euler("ZYX", states[1, 2, [8, 7, 6]].astype(float)).as_matrix()
+    np.testing.assert_allclose(data.body("uav").xmat.reshape(3, 3), wanted, atol=1e-9)

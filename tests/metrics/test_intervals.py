@@ -1,0 +1,87 @@
+"""Bootstrap intervals: what they cover, and what they say about themselves."""
+
+import numpy as np
+import pytest
+from scipy.stats import bootstrap
+
+from study.metrics.intervals import difference, interval, resampled_means
+
+
+def crossed(generator: np.random.Generator, seeds: int, scenarios: int) -> np.ndarray:
+    """Values around 0 that vary by seed, by scenario and by both."""
+    return (
+        0.5 * generator.normal(size=(seeds, 1))
+        + generator.normal(size=(1, scenarios))
+        + generator.normal(size=(seeds, scenarios))
+    )
+
+
+@pytest.mark.parametrize(("seeds", "least"), [(1, 0.90), (12, 0.88)])
+def test_coverage(seeds: int, least: float) -> None:
+    """With one seed only its own mean over scenarios can be covered; with many, the truth."""
+    generator = np.random.default_rng(0)
+    hits = 0
+    for repetition in range(200):
+        values = crossed(generator, seeds, 80)
+        if seeds == 1:
+            values = generator.normal(size=(1, 80))
+        found = interval(values, resamples=400, seed=repetition)
+        hits += found.low <= 0 <= found.high
+    assert least <= hits / 200 <= 0.99
+
+
+def test_one_seed_agrees_with_scipy() -> None:
+    values = np.random.default_rng(0).normal(size=(1, 100))
+    found = interval(values, resamples=20_000)
+    theirs = bootstrap((values[0],), np.mean, n_resamples=20_000, method="percentile", rng=1)
+    assert found.low == pytest.approx(theirs.confidence_interval.low, abs=0.01)
+    assert found.high == pytest.approx(theirs.confidence_interval.high, abs=0.01)
+
+
+def test_seeds_that_differ_widen_the_interval() -> None:
+    noise = np.random.default_rng(0).normal(size=(1, 200))
+    alike = interval(np.repeat(noise, 5, axis=0))
+    unlike = interval(noise + np.array([-1, -0.5, 0, 0.5, 1])[:, None])
+    assert unlike.high - unlike.low > 2 * (alike.high - alike.low)
+
+
+def test_copies_of_a_seed_add_nothing() -> None:
+    noise = np.random.default_rng(0).normal(size=(1, 200))
+    one, five = interval(noise), interval(np.repeat(noise, 5, axis=0))
+    assert five.high - five.low == pytest.approx(one.high - one.low, rel=0.1)
+
+
+def test_pairing_takes_out_what_scenarios_share() -> None:
+    generator = np.random.default_rng(0)
+    shared = generator.normal(size=(1, 100))
+    first = shared + 0.1 + 0.01 * generator.normal(size=(3, 100))
+    second = shared + 0.01 * generator.normal(size=(3, 100))
+    paired, apart = difference(first, second), difference(first, second, paired=False)
+    assert paired.estimate == pytest.approx(apart.estimate)
+    assert paired.low > 0.09
+    assert apart.low < 0 < apart.high
+
+
+def test_counts_and_repeatability() -> None:
+    values = np.random.default_rng(0).normal(size=(3, 50))
+    found = interval(values)
+    assert (found.seeds, found.scenarios) == (3, 50)
+    assert found == interval(values)
+    assert found != interval(values, seed=1)
+    assert found.low < found.estimate < found.high
+    other = difference(values, values[:2, :40], paired=False)
+    assert (other.seeds, other.scenarios) == (2, 40)
+
+
+def test_a_tie_has_an_interval_of_no_width() -> None:
+    values = np.random.default_rng(0).normal(size=(2, 30))
+    found = difference(values, values)
+    assert (found.estimate, found.low, found.high) == (0, 0, 0)
+
+
+def test_steps_are_resampled_together() -> None:
+    values = np.random.default_rng(0).normal(size=(2, 30, 4))
+    together = resampled_means(values, resamples=50)
+    for step in range(4):
+        alone = resampled_means(values[..., step], resamples=50)
+        np.testing.assert_allclose(together[:, step], alone)

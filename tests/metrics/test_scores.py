@@ -1,0 +1,145 @@
+"""The tidy table: its schema, its averages, and reading it back."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.metrics import brier as brier_module
+from study.metrics.mmd import mmd
+from study.metrics.scores import COLUMNS, score, select
+
+S, K, L, T, D = 4, 6, 5, 3, 2
+NAMES = ("x", "battery")
+ONES = np.ones(D)
+
+
+def inputs(seed: int = 0) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    return {
+        "forecast": generator.normal(size=(S, K, T, D)).astype(np.float32),
+        "observed": generator.normal(size=(S, L, T, D)).astype(np.float32),
+        "forecast_outcome": generator.random((S, K)) < 0.5,
+        "observed_outcome": generator.random((S, L)) < 0.5,
+    }
+
+
+def table(**changed: np.ndarray) -> pd.DataFrame:
+    return score(**(inputs() | changed), scale=ONES, bandwidth=ONES, names=NAMES)
+
+
+def overall(scores: pd.DataFrame, metric: str) -> float:
+    rows = scores[
+        (scores.metric == metric)
+        & (scores.dimension == "all")
+        & (scores.step == -1)
+        & (scores.scenario == -1)
+    ]
+    return rows["value"].item()
+
+
+def test_schema() -> None:
+    scores = table()
+    assert tuple(scores.columns) == COLUMNS
+    assert scores["step"].dtype == np.int32
+    assert scores["scenario"].dtype == np.int32
+    assert scores["value"].dtype == np.float64
+    assert not scores.duplicated(["metric", "dimension", "step", "scenario"]).any()
+    counts = scores.groupby("metric").size().to_dict()
+    assert counts == {
+        "mmd2": D * T + T * S + T + S + 1,
+        "mmd": T + 1,
+        "brier": S + 1,
+        "brier_two_class": 1,
+        "brier_climatology": S + 1,
+        "forecast_probability": S,
+        "observed_probability": S,
+        "variance_ratio": D * T + T,
+        "nonfinite": 1,
+    }
+    assert set(scores["step"]) == {-1, 1, 2, 3}
+    assert set(scores["scenario"]) == {-1, 0, 1, 2, 3}
+    assert set(scores["dimension"]) == {*NAMES, "all"}
+
+
+def test_values_are_those_of_the_metrics() -> None:
+    given, scores = inputs(), table()
+    squared = mmd(given["forecast"], given["observed"], ONES, ONES).squared
+    chosen = scores[(scores.metric == "mmd2") & (scores.dimension == "battery")]
+    np.testing.assert_allclose(chosen["value"], squared.mean(0)[:, 1])
+    chosen = scores[(scores.metric == "mmd2") & (scores.step == 2) & (scores.scenario == 3)]
+    assert chosen["value"].item() == pytest.approx(squared[3, 1].mean())
+    chosen = scores[(scores.metric == "mmd2") & (scores.step == -1) & (scores.scenario == 1)]
+    assert chosen["value"].item() == pytest.approx(squared[1].mean())
+    assert overall(scores, "mmd2") == pytest.approx(squared.mean())
+    expected = brier_module.brier(given["forecast_outcome"], given["observed_outcome"])
+    assert overall(scores, "brier") == pytest.approx(expected.mean())
+    assert overall(scores, "brier_two_class") == pytest.approx(2 * expected.mean())
+
+
+def test_what_is_not_finite_is_counted_and_costs() -> None:
+    forecast = inputs()["forecast"]
+    forecast[0, 0, 0, 0] = np.nan
+    forecast[1, 2, 1] = np.inf
+    scores, before = table(forecast=forecast), table()
+    assert overall(scores, "nonfinite") == pytest.approx(3 / forecast.size)
+    assert overall(before, "nonfinite") == 0
+    assert overall(scores, "brier") > overall(before, "brier")
+    assert overall(scores, "mmd2") > overall(before, "mmd2")
+    assert np.isfinite(scores.loc[scores.metric != "variance_ratio", "value"]).all()
+
+
+def test_a_dimension_without_variance_is_left_out_of_the_mean_ratio() -> None:
+    observed = inputs()["observed"]
+    observed[..., 0] = 1.0
+    scores = table(observed=observed)
+    ratio = scores[scores.metric == "variance_ratio"].pivot(
+        index="step", columns="dimension", values="value"
+    )
+    assert ratio["x"].isna().all()
+    np.testing.assert_allclose(ratio["all"], ratio["battery"])
+
+
+def test_shapes_that_do_not_fit_are_named() -> None:
+    with pytest.raises(ValueError, match="observed outcomes"):
+        table(observed_outcome=np.ones((S, L + 1), bool))
+    with pytest.raises(ValueError, match="names"):
+        score(**inputs(), scale=ONES, bandwidth=ONES, names=["x"])
+
+
+def cells() -> pd.DataFrame:
+    frames = []
+    for level, model, seed in (
+        ("low", "full_vae", 0),
+        ("low", "full_vae", 2),
+        ("high", "full_vae", 0),
+        ("low", "oracle", 0),
+    ):
+        cell = {"environment": "pusher", "level": level, "model": model, "seed": seed}
+        frames.append(table(**inputs(seed)).assign(**cell))
+    return pd.concat(frames, ignore_index=True)
+
+
+def test_select_reads_back() -> None:
+    scores = cells()
+    found = select(scores, "brier", "pusher", "low", "full_vae")
+    assert list(found.index) == [0, 2]
+    assert list(found.columns) == [0, 1, 2, 3]
+    given = inputs(2)
+    expected = brier_module.brier(given["forecast_outcome"], given["observed_outcome"])
+    np.testing.assert_allclose(found.loc[2], expected)
+    by_step = select(scores, "mmd2", "pusher", "low", "full_vae", by="step and scenario")
+    assert by_step.shape == (2, T * S)
+    np.testing.assert_allclose(
+        by_step.T.groupby(level="scenario").mean().T,
+        select(scores, "mmd2", "pusher", "low", "full_vae"),
+    )
+
+
+def test_select_of_nothing_is_empty() -> None:
+    assert select(cells(), "brier", "uav", "low", "full_vae").empty
+    assert select(cells(), "brier", "pusher", "low", "residual_vae").empty
+
+
+def test_the_oracle_is_the_same_at_every_level() -> None:
+    at_high = select(cells(), "brier", "pusher", "high", "oracle")
+    pd.testing.assert_frame_equal(at_high, select(cells(), "brier", "pusher", "low", "oracle"))
