@@ -16,7 +16,7 @@ import pandas as pd
 
 from paper_figs.results import command, environments, in_order, levels, models, read_scores
 from study.metrics.intervals import Interval, interval
-from study.metrics.scores import select
+from study.metrics.table import select
 from study.paper import BRIER, ENSEMBLE, LEVELS, MODELS, ORACLE, label
 
 CLIMATOLOGY = "climatology"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from study.errors import BadInput, StudyError
-from study.metrics.scores import CELL, COLUMNS
+from study.metrics.table import CELL, COLUMNS
 from study.paper import ENVIRONMENTS, LEVELS, MODELS
 
 
@@ -55,15 +55,19 @@ def models(scores: pd.DataFrame) -> list[str]:
     return in_order(scores["model"], MODELS)
 
 
-def command(draw: Callable[[Path], list[Path]], about: str) -> int:
+def command(
+    draw: Callable[[Path], list[Path]], about: str, arguments: Sequence[str] | None = None
+) -> int:
     """The command line of a script: draw from `--results`, print what was written.
+
+    `arguments` are those of the process if None.
 
     Returns the exit code: 2, after one line on standard error, if there is nothing to draw from.
     """
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--results", type=Path, required=True, help="folder of a study's results")
     try:
-        for path in draw(parser.parse_args().results):
+        for path in draw(parser.parse_args(arguments).results):
             print(path)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)

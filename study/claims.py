@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from study.metrics.intervals import percentiles, resampled_means
-from study.metrics.scores import LEVELLESS, select
+from study.metrics.table import LEVELLESS, select
 from study.paper import CLAIMS, MARGIN, Claim, Contrast, Quantity, Rule
 
 Doubles = NDArray[np.float64]

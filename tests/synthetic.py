@@ -1,10 +1,12 @@
 """Scores of a study that was never run, with known averages."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from study.metrics.table import CELL, COLUMNS
 from study.paper import ENSEMBLE, ENVIRONMENTS, FULL, LEVELS, MLP, ORACLE, RESIDUAL
 
 AS_THE_PAPER = {
@@ -37,7 +39,7 @@ def cell(
     step, scenario = np.mgrid[1 : steps + 1, :scenarios]
     curve = mmd2 * growth[step - 1] + noise[scenario]
     names = ("x", "y", "heading")
-    return pd.concat(
+    return _table(
         [
             _rows("mmd2", curve.ravel(), step.ravel(), scenario.ravel()),
             _rows("mmd2", mmd2 + noise, -1, np.arange(scenarios)),
@@ -47,8 +49,7 @@ def cell(
                 _rows("variance_ratio", np.full(steps, ratio * f), np.arange(1, steps + 1), -1, n)
                 for n, f in zip(names, (0.99, 1.0, 1.01), strict=True)
             ),
-        ],
-        ignore_index=True,
+        ]
     )
 
 
@@ -74,12 +75,13 @@ def scores(
                     rows = cell(
                         factor * averages[at], score, ratio, seed, len(cells), spread=spread
                     )
-                    rows.insert(0, "environment", environment)
-                    rows.insert(1, "level", level)
-                    rows.insert(2, "model", model)
-                    rows.insert(3, "seed", seed)
-                    cells.append(rows)
-    return pd.concat(cells, ignore_index=True)
+                    cells.append(
+                        rows.assign(environment=environment, level=level, model=model, seed=seed)
+                    )
+    return pd.concat(cells, ignore_index=True)[[*CELL, *COLUMNS]]
+
+
+Rows = dict[str, np.ndarray]
 
 
 def _rows(
@@ -88,13 +90,16 @@ def _rows(
     step: np.ndarray | int,
     scenario: np.ndarray | int,
     dimension: str = "all",
-) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "metric": metric,
-            "dimension": dimension,
-            "step": np.int32(step),
-            "scenario": np.int32(scenario),
-            "value": values,
-        }
-    )
+) -> Rows:
+    rows: dict[str, Any] = {
+        "metric": metric,
+        "dimension": dimension,
+        "step": np.int32(step),
+        "scenario": np.int32(scenario),
+        "value": values,
+    }
+    return {column: np.broadcast_to(row, len(values)) for column, row in rows.items()}
+
+
+def _table(parts: list[Rows]) -> pd.DataFrame:
+    return pd.DataFrame({key: np.concatenate([p[key] for p in parts]) for key in parts[0]})

@@ -1,7 +1,6 @@
 """Figures and tables are drawn from scores alone, the same ones each time."""
 
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ import pandas as pd
 import pytest
 
 from paper_figs import brier_tables, mmd_curves, style
-from paper_figs.results import read_scores
+from paper_figs.results import command, read_scores
 from study.errors import BadInput
 from study.paper import FULL, MODELS
 from tests.synthetic import scores
@@ -26,6 +25,11 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def drawn(results: Path) -> list[Path]:
+    return mmd_curves.draw(results)
+
+
 @pytest.fixture
 def another(tmp_path: Path) -> Path:
     """An environment and a model that the paper does not have, at one level, with one seed."""
@@ -36,34 +40,32 @@ def another(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_mmd_curves(results: Path) -> None:
-    written = mmd_curves.draw(results)
-    assert [path.relative_to(results).as_posix() for path in written] == [
+def test_mmd_curves(results: Path, drawn: list[Path]) -> None:
+    assert [path.relative_to(results).as_posix() for path in drawn] == [
         "figures/mmd_pusher.png",
         "figures/mmd_pusher.pdf",
         "figures/mmd_uav.png",
         "figures/mmd_uav.pdf",
     ]
-    height, width, _ = matplotlib.image.imread(written[0]).shape
+    height, width, _ = matplotlib.image.imread(drawn[0]).shape
     assert width == pytest.approx(300 * style.COLUMN_WIDTH, abs=2)
     assert height < width
     # TrueType outlines: text in the PDF is text, and not Type 3 glyphs.
-    assert b"/Type3" not in written[1].read_bytes()
-    assert b"/TrueType" in written[1].read_bytes() or b"/CIDFontType2" in written[1].read_bytes()
+    assert b"/Type3" not in drawn[1].read_bytes()
+    assert b"/TrueType" in drawn[1].read_bytes() or b"/CIDFontType2" in drawn[1].read_bytes()
 
 
-def test_every_model_has_its_colour_in_the_figure(results: Path) -> None:
-    picture = matplotlib.image.imread(mmd_curves.draw(results)[0])[..., :3]
+def test_every_model_has_its_colour_in_the_figure(drawn: list[Path]) -> None:
+    picture = matplotlib.image.imread(drawn[0])[..., :3]
     for model in MODELS:
         red, green, blue = (int(style.COLOURS[model][i : i + 2], 16) / 255 for i in (1, 3, 5))
         near = abs(picture - (red, green, blue)).max(-1) < 0.01
         assert near.sum() > 500, model
 
 
-def test_figures_are_the_same_each_time(results: Path, tmp_path: Path) -> None:
-    first = [path.read_bytes() for path in mmd_curves.draw(results)]
-    shutil.copy(results / "scores.parquet", tmp_path)
-    assert [path.read_bytes() for path in mmd_curves.draw(tmp_path)] == first
+def test_figures_are_the_same_each_time(another: Path) -> None:
+    first = [path.read_bytes() for path in mmd_curves.draw(another)]
+    assert [path.read_bytes() for path in mmd_curves.draw(another)] == first
 
 
 def test_brier_tables(results: Path) -> None:
@@ -123,16 +125,16 @@ def test_nothing_to_draw_from_is_one_clear_line(tmp_path: Path, spoil: str) -> N
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("script", ["mmd_curves", "brier_tables"])
-def test_command_line(results: Path, tmp_path: Path, script: str) -> None:
-    def run(folder: Path) -> subprocess.CompletedProcess[str]:
-        line = [sys.executable, "-m", f"paper_figs.{script}", "--results", str(folder)]
-        return subprocess.run(line, capture_output=True, text=True, check=False)
+def test_command_line(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(brier_tables.draw, "", ["--results", str(results)]) == 0
+    assert all(Path(line).is_file() for line in capsys.readouterr().out.splitlines())
 
-    good, bad = run(results), run(tmp_path / "none")
-    assert good.returncode == 0, good.stderr
-    assert all(Path(line).is_file() for line in good.stdout.splitlines())
-    assert bad.returncode == 2
-    assert bad.stderr.startswith("error: there is no folder")
-    assert bad.stderr.count("\n") == 1
+
+@pytest.mark.parametrize("script", ["mmd_curves", "brier_tables"])
+def test_command_line_without_results(tmp_path: Path, script: str) -> None:
+    line = [sys.executable, "-m", f"paper_figs.{script}", "--results", str(tmp_path / "none")]
+    run = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr.startswith("error: there is no folder")
+    assert run.stderr.count("\n") == 1
     assert not (tmp_path / "none").exists()

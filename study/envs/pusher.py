@@ -22,6 +22,8 @@ from study.envs.simulator import (
 from study.seeds import Seeds
 
 MODEL = Path(__file__).with_name("pusher.xml")
+BEHIND = 0.045
+"""m, from the ball's centre to where the arm end must be able to begin a push."""
 
 # MuJoCo's full physics state is the time, the positions and the rates.
 POSITIONS, RATES = slice(1, 5), slice(5, 9)
@@ -92,7 +94,7 @@ class Pusher(Simulator):
     |---|---|---|---|---|
     | clearance | m | between the axes of peg and ball | 0.05 | inf |
     | travel | m | from the ball to its target | 0.04 | 0.2 |
-    | behind | m | from the shoulder to the point 0.045 m behind the ball | 0.04 | 0.185 |
+    | behind | m | from the shoulder to 0.045 m behind the ball | 0.04 | 0.185 |
 
     Noise: an independent Gaussian torque of standard deviation 0.004 N·m, added to each joint's
     torque at each control step, after the action has been clipped. It is not recorded.
@@ -142,9 +144,7 @@ class Pusher(Simulator):
     conditions = (
         Variable("clearance", "m", "between the axes of peg and ball", 0.05),
         Variable("travel", "m", "from the ball to its target", 0.04, 0.2),
-        Variable(
-            "behind", "m", "from the shoulder to the point 0.045 m behind the ball", 0.04, 0.185
-        ),
+        Variable("behind", "m", f"from the shoulder to {BEHIND:g} m behind the ball", 0.04, 0.185),
     )
     default_horizon = 120
     control_step = 0.02
@@ -179,7 +179,7 @@ class Pusher(Simulator):
 
         clearance = np.hypot(arm_x - ball_x, arm_y - ball_y)
         travel = np.hypot(x - ball_x, y - ball_y)
-        back = 0.045 / travel
+        back = BEHIND / travel
         behind = np.hypot(ball_x - back * (x - ball_x), ball_y - back * (y - ball_y))
         admissible = np.ones_like(travel, bool)
         for condition, value in zip(self.conditions, (clearance, travel, behind), strict=True):

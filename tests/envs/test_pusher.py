@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from study.envs.pusher import Pusher
+from study.envs.pusher import BEHIND, Pusher
 from study.envs.pusher_policy import CONTACT, LINK
 from study.envs.simulator import Doubles, Floats, Rollout, Scenarios, simulators
 from study.seeds import Seeds, spawn
@@ -225,10 +225,10 @@ def test_noise_is_a_gaussian_torque_on_each_joint_at_each_step() -> None:
         unit: Doubles = np.zeros(4)
         unit[row] = 1.0
         mujoco.mj_mulM(simulator.model, data, matrix[row], unit)
-    torque = end[:, [4, 7]].astype(np.float64) @ matrix[:, :2] / simulator.control_step
+    torque: Doubles = end[:, [4, 7]].astype(np.float64) @ matrix[:, :2] / simulator.control_step
     assert torque.std(axis=0) == pytest.approx(Pusher.torque_noise, rel=0.05)
     assert np.abs(torque.mean(axis=0)).max() < 4 * Pusher.torque_noise / np.sqrt(count)
-    assert abs(np.corrcoef(torque.T)[0, 1]) < 0.07
+    assert abs(np.corrcoef(torque[:, 0], torque[:, 1])[0, 1]) < 0.07
 
 
 # State
@@ -353,7 +353,7 @@ def test_scenarios_meet_their_conditions_and_vary(scenarios: Scenarios) -> None:
     s0, task = scenarios.s0.astype(np.float64), scenarios.task.astype(np.float64)
     arm, ball = s0[:, :2], s0[:, 8:10]
     travel = np.linalg.norm(task - ball, axis=1)
-    behind = ball - 0.045 * (task - ball) / travel[:, None]
+    behind = ball - BEHIND * (task - ball) / travel[:, None]
     values = {
         "clearance": np.linalg.norm(arm - ball, axis=1),
         "travel": travel,

@@ -1,12 +1,15 @@
 """The tidy table: its schema, its averages, and reading it back."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from study.metrics import brier as brier_module
 from study.metrics.mmd import mmd
-from study.metrics.scores import COLUMNS, score, select
+from study.metrics.scores import score
+from study.metrics.table import COLUMNS, select
 
 S, K, L, T, D = 4, 6, 5, 3, 2
 NAMES = ("x", "battery")
@@ -24,7 +27,13 @@ def inputs(seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def table(**changed: np.ndarray) -> pd.DataFrame:
-    return score(**(inputs() | changed), scale=ONES, bandwidth=ONES, names=NAMES)
+    return score_of(inputs() | changed, NAMES)
+
+
+def score_of(given: dict[str, np.ndarray], names: Sequence[str]) -> pd.DataFrame:
+    arrays = (given[name] for name in inputs())
+    forecast, observed, forecast_outcome, observed_outcome = arrays
+    return score(forecast, observed, forecast_outcome, observed_outcome, ONES, ONES, names)
 
 
 def overall(scores: pd.DataFrame, metric: str) -> float:
@@ -103,7 +112,7 @@ def test_shapes_that_do_not_fit_are_named() -> None:
     with pytest.raises(ValueError, match="observed outcomes"):
         table(observed_outcome=np.ones((S, L + 1), bool))
     with pytest.raises(ValueError, match="names"):
-        score(**inputs(), scale=ONES, bandwidth=ONES, names=["x"])
+        score_of(inputs(), ["x"])
 
 
 def cells() -> pd.DataFrame:
@@ -114,8 +123,8 @@ def cells() -> pd.DataFrame:
         ("high", "full_vae", 0),
         ("low", "oracle", 0),
     ):
-        cell = {"environment": "pusher", "level": level, "model": model, "seed": seed}
-        frames.append(table(**inputs(seed)).assign(**cell))
+        cell = table(**inputs(seed))
+        frames.append(cell.assign(environment="pusher", level=level, model=model, seed=seed))
     return pd.concat(frames, ignore_index=True)
 
 

@@ -12,9 +12,9 @@ def normal(*shape: int, seed: int = 0) -> np.ndarray:
 
 def test_ratio_of_known_widths() -> None:
     # A different mean in each scenario is no variance of a forecast.
-    means = 10 * normal(300, 1, 1, 1, seed=2)
-    forecast = means + normal(300, 30, 2, 3) * np.array([1, 2, 0.5])
-    observed = means + normal(300, 30, 2, 3, seed=1)
+    means = 10 * normal(1000, 1, 1, 1, seed=2)
+    forecast = means + normal(1000, 30, 2, 3) * np.array([1, 2, 0.5])
+    observed = means + normal(1000, 30, 2, 3, seed=1)
     ratio = variance_ratio(forecast, observed, np.ones(3))
     np.testing.assert_allclose(ratio, [[1, 4, 0.25]] * 2, rtol=0.05)
 
