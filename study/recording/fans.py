@@ -18,8 +18,8 @@ TIMELINE = "horizon"
 _REACH = 3.0
 _CIRCLE = 64
 # A path is drawn by so many points at most, and so many runs have a moving dot.
-_POINTS = 60
-_DOTS = 15
+_POINTS = 40
+_DOTS = 10
 
 Points = NDArray[np.float32]
 
