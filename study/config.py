@@ -110,7 +110,8 @@ class Vae:
         hidden_size: width of the encoder's and the decoder's GRU.
         latent_size: components of z_t.
         feeding: the decoder's state history in training: its own predictions (`free`), the true
-            states (`teacher`), or the true ones given way to its own (`schedule`).
+            states (`teacher`), first the true ones and then its own (`schedule`), or none but its
+            memory, which has seen all that its own predictions are made of (`memory`).
         output: the decoder's output: the target itself (`direct`) or its change (`increment`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
@@ -119,7 +120,7 @@ class Vae:
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    feeding: str = setting("free", choices=("free", "teacher", "schedule"))
+    feeding: str = setting("memory", choices=("memory", "free", "teacher", "schedule"))
     output: str = setting("direct", choices=("direct", "increment"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))

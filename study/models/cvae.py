@@ -12,7 +12,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from study.models.recurrence import gru_cell
+from study.models.recurrence import gru, gru_cell
 
 
 class RecurrentCvae(nn.Module):
@@ -27,6 +27,8 @@ class RecurrentCvae(nn.Module):
         latent_size: Z.
         increments: the decoder's output is x_{t+1} − x_t instead of x_{t+1}.
         sees_target: the encoder sees x_{t+1} beside s_t and the condition.
+        feeds_back: the decoder is fed the state ŝ_t. Without, it runs freely all the same: its own
+            past predictions are a function of s_0, a_{0:t}, z_{0:t}, which its memory has seen.
     """
 
     def __init__(
@@ -37,17 +39,20 @@ class RecurrentCvae(nn.Module):
         latent_size: int,
         increments: bool = False,
         sees_target: bool = True,
+        feeds_back: bool = True,
     ) -> None:
         super().__init__()
-        self.increments, self.sees_target = increments, sees_target
+        self.increments, self.sees_target, self.feeds_back = increments, sees_target, feeds_back
         seen = state_size * (2 if sees_target else 1) + condition_size
-        self.encoder = nn.GRU(seen, hidden_size, batch_first=True)
+        self.encoder_driven = nn.Linear(seen, 3 * hidden_size)
+        self.encoder_recurrent = nn.Linear(hidden_size, 3 * hidden_size)
         self.posterior = nn.Linear(hidden_size, 2 * latent_size)
         self.start = nn.Sequential(nn.Linear(state_size + condition_size, hidden_size), nn.Tanh())
         # The decoder's GRU cell, taken apart: what is known beforehand is multiplied for the whole
         # horizon at once, and only the fed back state and the hidden state remain in the loop.
         self.known = nn.Linear(condition_size + latent_size, 3 * hidden_size)
-        self.fed_back = nn.Linear(state_size, 3 * hidden_size, bias=False)
+        if feeds_back:
+            self.fed_back = nn.Linear(state_size, 3 * hidden_size, bias=False)
         self.recurrent = nn.Linear(hidden_size, 3 * hidden_size)
         self.head = nn.Sequential(
             nn.Linear(hidden_size, hidden_size), nn.SiLU(), nn.Linear(hidden_size, state_size)
@@ -63,8 +68,10 @@ class RecurrentCvae(nn.Module):
             condition: [B, T, C].
         """
         seen = [target, states, condition] if self.sees_target else [states, condition]
-        hidden, _ = self.encoder(torch.cat(seen, -1))
-        mean, log_variance = self.posterior(hidden).chunk(2, dim=-1)
+        driven = self.encoder_driven(torch.cat(seen, -1).transpose(0, 1))
+        begin = driven.new_zeros(len(target), self.encoder_recurrent.in_features)
+        hidden = _gru(driven, begin, self.encoder_recurrent)
+        mean, log_variance = self.posterior(hidden.transpose(0, 1)).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
     def decode(
@@ -87,19 +94,24 @@ class RecurrentCvae(nn.Module):
             own_share: share of the steps, drawn at random, at which the decoder is fed its own
                 prediction rather than the truth: 1 is free running, 0 teacher forcing.
         """
+        begin = self.start(torch.cat([s0, condition[:, 0]], -1))
+        known = self.known(torch.cat([condition, latent], -1).transpose(0, 1))
+        if not self.feeds_back:
+            output = self.head(_gru(known, begin, self.recurrent)).transpose(0, 1)
+            first = s0 - baseline[:, 0]
+            target = first[:, None] + output.cumsum(1) if self.increments else output
+            return target + baseline[:, 1:]
         # Taken apart before the loop: to index a tensor inside it would make each step's backward
         # pass fill a gradient of the whole sequence's size.
-        known = self.known(torch.cat([condition, latent], -1)).unbind(1)
         baselines = baseline.unbind(1)
         truths = truth.unbind(1) if truth is not None and own_share < 1 else None
-        hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
-        state, target, predictions = s0, s0 - baselines[0], []
-        for step, inputs in enumerate(known):
+        hidden, state, target, predictions = begin, s0, s0 - baselines[0], []
+        for step, driven in enumerate(known.unbind(0)):
             if truths is not None and step > 0:
                 own = torch.rand(len(s0), 1, device=s0.device) < own_share
                 state = torch.where(own, state, truths[step])
                 target = state - baselines[step]
-            hidden = gru_cell(inputs + self.fed_back(state), self.recurrent(hidden), hidden)
+            hidden = gru_cell(driven + self.fed_back(state), self.recurrent(hidden), hidden)
             output = self.head(hidden)
             target = target + output if self.increments else output
             state = target + baselines[step + 1]
@@ -125,6 +137,10 @@ class RecurrentCvae(nn.Module):
         likelihood = negative_log_likelihood(prediction, truth, self.log_scale).mean()
         divergence = kl_from_standard_normal(mean, log_variance).mean()
         return likelihood + beta * divergence, likelihood, divergence
+
+
+def _gru(driven: Tensor, hidden: Tensor, recurrent: nn.Linear) -> Tensor:
+    return gru(driven, hidden, recurrent.weight.T, recurrent.bias)
 
 
 def negative_log_likelihood(prediction: Tensor, truth: Tensor, log_scale: Tensor) -> Tensor:

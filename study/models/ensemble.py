@@ -8,23 +8,22 @@ from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
-from study.models.recurrence import gru_cell
+from study.models.recurrence import gru
 
 
 class StackedLinear(nn.Module):
     """M linear maps side by side: [..., M, B, I] → [..., M, B, O]."""
 
-    def __init__(self, members: int, inputs: int, outputs: int, bias: bool = True) -> None:
+    def __init__(self, members: int, inputs: int, outputs: int) -> None:
         super().__init__()
         # Each member is initialised as torch.nn.Linear would be, from draws of its own.
         bound = inputs**-0.5
         self.weight = nn.Parameter(torch.empty(members, inputs, outputs).uniform_(-bound, bound))
-        self.bias = nn.Parameter(torch.zeros(members, 1, outputs)) if bias else None
+        self.bias = nn.Parameter(torch.zeros(members, 1, outputs))
 
     def forward(self, values: Tensor) -> Tensor:
         """See the class."""
-        product = values @ self.weight
-        return product if self.bias is None else product + self.bias
+        return values @ self.weight + self.bias
 
 
 class Members(nn.Module):
@@ -45,14 +44,11 @@ class Members(nn.Module):
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
         """ŝ_{1:T} [M, B, T, D] from s_0 [M, B, D] and a_{0:T-1} [M, B, T, A], in standard units."""
-        # Time first and multiplied for the whole horizon at once: the loop keeps what must wait.
-        steps = torch.movedim(actions, 2, 0)
+        steps = torch.movedim(actions, 2, 0)  # time first: [T, M, B, A]
         begun = s0.expand(len(steps), *s0.shape)
-        hidden, states = torch.tanh(self.start(s0)), []
-        for driven in self.driven(torch.cat([steps, begun], -1)).unbind(0):
-            hidden = gru_cell(driven, self.recurrent(hidden), hidden)
-            states.append(hidden)
-        change = self.outer(functional.silu(self.inner(torch.stack(states))))
+        driven = self.driven(torch.cat([steps, begun], -1))
+        hidden = gru(driven, torch.tanh(self.start(s0)), self.recurrent.weight, self.recurrent.bias)
+        change = self.outer(functional.silu(self.inner(hidden)))
         return torch.movedim(s0 + change, 0, 2)
 
 

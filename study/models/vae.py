@@ -37,6 +37,7 @@ class Vae(Model):
             vae["latent_size"],
             increments=vae["output"] == "increment",
             sees_target=vae["encoder"] == "target",
+            feeds_back=vae["feeding"] != "memory",
         )
 
     @abstractmethod
@@ -63,7 +64,7 @@ class Vae(Model):
         if feeding == "schedule":
             # Linear over the first half of training, then free running.
             return min(1.0, 2 * self.global_step / self.settings["train"]["steps"])
-        return 1.0 if feeding == "free" else 0.0
+        return 0.0 if feeding == "teacher" else 1.0
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """One batch of Algorithm 1."""

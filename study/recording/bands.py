@@ -1,4 +1,4 @@
-"""Bands: the quantiles of forecast and observed states, dimension by dimension, over the horizon."""
+"""Bands: quantiles of forecast and observed states, by dimension, over the horizon."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from study.recording.palette import FORECAST, OBSERVED, faint
-from study.recording.streams import finite, time_column
+from study.recording.streams import finite, send_scalars, style_lines
 
 if TYPE_CHECKING:
     from study.envs.simulator import Variable
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 TIMELINE = "horizon"
 LEVELS = (0.05, 0.25, 0.50, 0.75, 0.95)
 NAMES = [f"{source} {level:.0%}" for source in ("observed", "forecast") for level in LEVELS]
-_WIDTHS = (0.7, 0.7, 2.5, 0.7, 0.7)
-_ALPHAS = (150, 150, 255, 150, 150)
+_WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
+_ALPHAS = (150, 200, 255, 200, 150)
 
 
 def quantiles(states: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -36,27 +36,16 @@ def log_bands(
     observed: NDArray[np.float64],
     forecast: NDArray[np.float64],
 ) -> None:
-    """The bands [5, T] of one dimension: ten lines that can be read back, and shading behind them.
+    """The bands [5, T] of one dimension as ten lines: observed, then forecast.
 
-    All in one entity, and in one piece: a piece of a recording costs more than what is in it. The
-    shade is a line without width at the middle of 5–95 %, its "standard deviation" half of it.
+    All in one entity: an entity, and each piece of it, costs more than what is in it. No
+    `Measurements` beside them to shade the bands: on one entity with `Scalars`, the viewer shades
+    around every line, and shows a forecast wider than it is.
     """
-    steps = observed.shape[1]
-    lines = np.concatenate([observed, forecast]).T
-    low, high = lines[:, [0, 5]], lines[:, [4, 9]]
     colours = [faint(c, a) for c in (OBSERVED, FORECAST) for a in _ALPHAS]
-    style = rr.SeriesLines(names=NAMES, colors=colours, widths=_WIDTHS * 2)
-    shade = rr.Measurements.from_fields(
-        names=["observed 5–95 %", "forecast 5–95 %"], colors=[OBSERVED, FORECAST], widths=[0.0] * 2
-    )
-    stream.log(entity, style, shade, static=True)
-    columns = [
-        *rr.Scalars.columns(scalars=lines.reshape(-1)).partition(np.full(steps, 10)),
-        *rr.Measurements.columns(
-            values=((low + high) / 2).reshape(-1), variances=(((high - low) / 2) ** 2).reshape(-1)
-        ).partition(np.full(steps, 2)),
-    ]
-    stream.send_columns(entity, [time_column(TIMELINE, np.arange(1, steps + 1))], columns)
+    style_lines(stream, entity, NAMES, colours, _WIDTHS * 2)
+    steps = np.arange(1, observed.shape[1] + 1)
+    send_scalars(stream, entity, TIMELINE, steps, np.concatenate([observed, forecast]).T)
 
 
 def axis_range(

@@ -8,6 +8,7 @@ from study.recording import charts
 from study.recording.properties import README
 
 Range = tuple[float, float]
+Band = tuple[str, str, Range | None]
 
 # Which view of a training recording a metric belongs to: the first whose words its name contains.
 _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -97,7 +98,11 @@ def tuning() -> rrb.Blueprint:
                     chart("Intermediate scores of each trial", "/chart/intermediate"),
                 ),
                 rrb.Horizontal(
-                    plot("Score and best so far", ["/value/**", "/best"], legend=rrb.Corner2D.RightTop),
+                    plot(
+                        "Score and best so far",
+                        ["/value/**", "/best"],
+                        legend=rrb.Corner2D.RightTop,
+                    ),
                     plot("log₁₀ β of each trial", ["/log10_beta"], legend=None),
                 ),
                 row_shares=[3, 2],
@@ -109,7 +114,7 @@ def tuning() -> rrb.Blueprint:
 
 def forecast(
     roots: Mapping[str, str],
-    bands: Mapping[str, Sequence[tuple[str, str, Range | None]]],
+    bands: Mapping[str, Sequence[Band]],
     eyes: Mapping[str, rrb.EyeControls3D],
     columns: int = 2,
     rows: int = 3,
@@ -157,8 +162,7 @@ def scores(curves: Mapping[str, Sequence[str]], reliability: bool) -> rrb.Bluepr
         reliability: whether there is a reliability diagram.
     """
     views: list[rrb.View] = [
-        plot(title, [f"{entity}/**" for entity in entities])
-        for title, entities in curves.items()
+        plot(title, [f"{entity}/**" for entity in entities]) for title, entities in curves.items()
     ]
     if reliability:
         views.append(chart("Reliability: probability of success", "/chart/reliability"))
@@ -168,7 +172,9 @@ def scores(curves: Mapping[str, Sequence[str]], reliability: bool) -> rrb.Bluepr
     return blueprint("horizon", rrb.Horizontal(readme(), grid, column_shares=[1, 3]))
 
 
-def _pages(items: Sequence[tuple[str, str, Range | None]], most: int) -> list[list[tuple[str, str, Range | None]]]:
+def _pages(
+    items: Sequence[tuple[str, str, Range | None]], most: int
+) -> list[list[tuple[str, str, Range | None]]]:
     """The items in as few pages of at most `most` as will do, of nearly equal length."""
     count = -(-len(items) // most)
     length = -(-len(items) // count)

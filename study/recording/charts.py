@@ -3,7 +3,7 @@
 A chart is a box of 1.6 × 1 units with y upwards; data are placed in it by their axes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -53,12 +53,13 @@ class Axis:
     def ticks(self) -> NDArray[np.float64]:
         """Round numbers within the axis."""
         if self.logarithmic:
-            found = LogLocator(base=10, subs=(1.0,), numticks=9).tick_values(self.low, self.high)
+            locator = LogLocator(base=10, subs=(1.0,), numticks=9)
+            found = np.asarray(locator.tick_values(self.low, self.high))
             if np.sum((found >= self.low) & (found <= self.high)) < 2:
                 locator = LogLocator(base=10, subs=(1.0, 2.0, 5.0), numticks=9)
-                found = locator.tick_values(self.low, self.high)
+                found = np.asarray(locator.tick_values(self.low, self.high))
         else:
-            found = MaxNLocator(5).tick_values(self.low, self.high)
+            found = np.asarray(MaxNLocator(5).tick_values(self.low, self.high))
         slack = 1e-9 * abs(self.high - self.low)
         return np.asarray(found[(found >= self.low - slack) & (found <= self.high + slack)])
 
@@ -75,17 +76,13 @@ class Chart:
         points = np.column_stack([WIDTH * self.x.place(x), -self.y.place(y)])
         return points[np.isfinite(points).all(axis=1)].astype(np.float32)
 
-    def within(self, y: ArrayLike) -> "Chart":
-        """The same chart, its y axis around other values."""
-        return replace(self, y=Axis.around(self.y.label, y, self.y.logarithmic))
-
     def draw(self, stream: rr.RecordingStream, entity: str) -> None:
         """Frame, grid, ticks and labels of the axes."""
         frame = [[[0, 0], [WIDTH, 0], [WIDTH, -1], [0, -1], [0, 0]]]
         grid = [[[WIDTH * p, 0], [WIDTH * p, -1]] for p in self.x.place(self.x.ticks())]
         grid += [[[0, -p], [WIDTH, -p]] for p in self.y.place(self.y.ticks())]
         lines = rr.LineStrips2D(
-            frame + grid,
+            [np.array(strip, dtype=np.float32) for strip in [*frame, *grid]],
             colors=[FRAME] + [faint(FRAME, 60)] * len(grid),
             radii=rr.Radius.ui_points([1.0] + [0.5] * len(grid)),
         )
@@ -94,10 +91,10 @@ class Chart:
         marks += [([-0.08, -self.y.place(t) - 0.02], f"{t:g}") for t in self.y.ticks()]
         marks += [([WIDTH / 2, 0.11], self.x.label), ([0.06, -1.12], self.y.label)]
         labels = rr.Points2D(
-            [position for position, _ in marks],
+            np.array([position for position, _ in marks], dtype=np.float32),
             labels=[text for _, text in marks],
             show_labels=True,
-            colors=[faint(FRAME, 255)],
+            colors=[FRAME],
             radii=rr.Radius.ui_points(0.0),
         )
         stream.log(f"{entity}/labels", labels, static=True)

@@ -37,7 +37,7 @@ def log_fan(
 def log_cloud(
     stream: rr.RecordingStream, entity: str, paths: Points, colour: Colour, size: float = 3.0
 ) -> None:
-    """Where the K paths [K, T, 3] are at each step t = 1 … T, as dots that move with the timeline."""
+    """Where the first few of the paths [K, T, 3] are, as dots that move with the timeline."""
     chosen = _thin(paths.shape[1])
     paths = paths[:_DOTS, chosen]
     count, steps, _ = paths.shape
@@ -86,7 +86,7 @@ def log_paths(
     forecast: NDArray[np.float32],
     members: NDArray[np.float32] | None,
 ) -> None:
-    """All that is drawn of one scenario besides the scene itself; states are [K, T, D], [M, T, D]."""
+    """All that is drawn of one scenario besides the scene; states [K, T, D] and [M, T, D]."""
     seen = simulator.position(observed).astype(np.float32)
     target = np.asarray(simulator.target(task), dtype=np.float32).reshape(3)
     log_target(stream, f"{root}/target", target, simulator.radius)

@@ -16,7 +16,7 @@ def checksum_path(path: Path) -> Path:
 
 
 def temporary_path(path: Path) -> Path:
-    """A hidden name in the same folder, so that the move is atomic; unique, so writers never meet."""
+    """A hidden, unique name in the same folder: the move is atomic, and writers never meet."""
     return path.with_name(f".{path.name}.{uuid4().hex[:12]}")
 
 

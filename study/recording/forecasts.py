@@ -39,7 +39,7 @@ actions. A perfect forecast is spread like the observed: neither wider nor narro
 - *3D*: their paths; dots mark where they are at the time cursor. **Green** is the target and how
   close to it counts as success. The scene, and the **orange** dot, follow one observed run.
 - *Probability*: how many have come close enough so far.
-- *State*: the bands hold 5–95 % and 25–75 %; the thick line is the median.
+- *State*: the outer lines hold 5–95 %, the inner ones 25–75 %; the thick line is the median.
 """
 
 
@@ -90,9 +90,7 @@ def record_forecast(
         fixed = scenes.fixed_bodies(model)
         scenes.log_bodies(stream, "/scene", model, fixed)
         if picks:
-            scenes.log_poses(
-                stream, "/scene", model, fixed, simulator.configuration(picks[0].s0)
-            )
+            scenes.log_poses(stream, "/scene", model, fixed, simulator.configuration(picks[0].s0))
         for root, pick, (observed, forecast) in zip(roots.values(), picks, spread, strict=True):
             _log_about(stream, root, simulator, pick)
             _log_scene(stream, f"{root}/scene", simulator, model, pick)
@@ -108,9 +106,7 @@ def record_forecast(
             _log_success(stream, f"{root}/success", simulator, pick)
             for dimension, variable in enumerate(simulator.state):
                 entity = entity_path(*root.strip("/").split("/"), "state", variable.name)
-                bands.log_bands(
-                    stream, entity, observed[..., dimension], forecast[..., dimension]
-                )
+                bands.log_bands(stream, entity, observed[..., dimension], forecast[..., dimension])
 
 
 def success_so_far(simulator: "Simulator", states: Floats, task: Floats) -> NDArray[np.float64]:
@@ -147,15 +143,11 @@ def _design(
             )
             for dimension, variable in enumerate(simulator.state)
         ]
-        eyes[root] = fans.eye(
-            simulator.position(pick.observed[:FANS]), simulator.target(pick.task)
-        )
+        eyes[root] = fans.eye(simulator.position(pick.observed[:FANS]), simulator.target(pick.task))
     return blueprints.forecast(roots, views, eyes)
 
 
-def _log_about(
-    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick
-) -> None:
+def _log_about(stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick) -> None:
     observed = success_so_far(simulator, pick.observed, pick.task)[-1]
     forecast = success_so_far(simulator, pick.forecast, pick.task)[-1]
     seconds = simulator.control_step * len(pick.actions)
@@ -163,7 +155,8 @@ def _log_about(
         f"# {pick.title}\n\nScenario {pick.scenario}, chosen by this rule: *{pick.rule}*.\n\n"
         f"Success within {seconds:.3g} s ({len(pick.actions)} steps): "
         f"**forecast {forecast:.0%}**, **observed {observed:.0%}** "
-        f"of {len(pick.forecast)} and {len(pick.observed)} runs.\n\n## How to read it\n{_HOW_TO_READ}"
+        f"of {len(pick.forecast)} and {len(pick.observed)} runs.\n\n"
+        f"## How to read it\n{_HOW_TO_READ}"
     )
     if pick.members is not None:
         text += f"- *Thick coloured paths*: the {len(pick.members)} members of the ensemble.\n"
@@ -188,9 +181,7 @@ def _finite_rows(states: Floats) -> int:
     return max(1, int(lost.argmax())) if lost.any() else len(states)
 
 
-def _log_success(
-    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick
-) -> None:
+def _log_success(stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick) -> None:
     for name, states, colour, width in (
         ("observed", pick.observed, OBSERVED, 2.0),
         ("forecast", pick.forecast, FORECAST, 3.0),

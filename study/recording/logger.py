@@ -164,7 +164,7 @@ class RerunLogger(Logger):
 
     @rank_zero_only
     def close(self) -> None:
-        """Finish the recording and move it to `path`, with its checksum. Closing twice is allowed."""
+        """Finish the recording and move it to `path`, with its checksum; again does nothing."""
         if self._closed:
             return
         stream = self.experiment

@@ -1,7 +1,7 @@
 """What a recording says about itself: its properties and its README panel."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import rerun as rr
 
@@ -17,7 +17,7 @@ def write_properties(stream: rr.RecordingStream, name: str, properties: Properti
     """Name the recording, and attach its properties (cell, seed, config as JSON, versions …)."""
     stream.send_recording_name(name)
     if properties:
-        stream.send_property(GROUP, rr.AnyValues(**{str(k): v for k, v in properties.items()}))
+        stream.send_property(GROUP, rr.AnyValues(drop_untyped_nones=True, **dict(properties)))
 
 
 def write_readme(stream: rr.RecordingStream, text: str, properties: Properties) -> None:
@@ -43,10 +43,12 @@ def describe(properties: Properties) -> str:
     return "\n\n".join([*lines, *blocks])
 
 
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """A Markdown table."""
     lines = [header, ("---",) * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in r) + " |" for r in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", r"\|") for cell in r) + " |" for r in lines
+    )
 
 
 def _indented(value: str) -> str | None:
@@ -55,4 +57,8 @@ def _indented(value: str) -> str | None:
         parsed = json.loads(value)
     except ValueError:
         return None
-    return json.dumps(parsed, indent=2, ensure_ascii=False) if isinstance(parsed, dict | list) else None
+    return (
+        json.dumps(parsed, indent=2, ensure_ascii=False)
+        if isinstance(parsed, dict | list)
+        else None
+    )

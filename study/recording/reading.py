@@ -1,5 +1,6 @@
 """Reading recordings back: scalars as data frames, properties as a dict."""
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,9 @@ def scalars(path: Path, entity: str) -> pd.DataFrame:
         elif _NAMES in batch.schema.names:
             names = batch.column(_NAMES).to_pylist()[-1]
     if not frames:
-        raise StudyError(f"{path} holds no scalars of '{entity}': {nearest(entity, entities(path))}")
+        raise StudyError(
+            f"{path} holds no scalars of '{entity}': {nearest(entity, entities(path))}"
+        )
     frame = pd.concat(frames).sort_index(kind="stable")
     if frame.shape[1] == 1:
         frame.columns = pd.Index(["value"])
@@ -71,7 +74,10 @@ def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
         raise StudyError(f"recording {path} is missing")
     try:
         # Not by way of the footer, which a recording of many small entities does without.
-        stream = RrdReader(path).stream()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "RRD file has no footer")
+            reader = RrdReader(path)
+        stream = reader.stream()
         yield from stream if entity is None else stream.filter(content=[entity])
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__

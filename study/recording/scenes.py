@@ -1,7 +1,7 @@
 """MuJoCo scenes in Rerun: the shapes of a model once, its bodies' motion along a timeline.
 
-The entities mirror the model: `root/body/kind of geom`. A body carries the transform (to the world's frame),
-its geoms lie in the body's frame.
+The entities mirror the model: `root/body/kind of geom`. A body carries the transform
+to the world's frame; its geoms lie in the body's frame.
 """
 
 from collections.abc import Sequence
@@ -48,12 +48,14 @@ def log_bodies(
     """
     for body in bodies:
         kinds: dict[str, list[int]] = {}
-        for geom in np.flatnonzero(model.geom_bodyid == body):
+        for geom in map(int, np.flatnonzero(model.geom_bodyid == body)):
             if model.geom_group[geom] in _VISIBLE_GROUPS and _colour(model, geom)[3] > 0:
-                kinds.setdefault(_KINDS.get(int(model.geom_type[geom]), ""), []).append(int(geom))
+                kinds.setdefault(_KINDS.get(int(model.geom_type[geom]), ""), []).append(geom)
         kinds.pop("", None)
         for mesh in kinds.pop("meshes", []):
-            stream.log(_body_path(root, model, body, f"mesh_{mesh}"), _mesh(model, mesh), static=True)
+            stream.log(
+                _body_path(root, model, body, f"mesh_{mesh}"), _mesh(model, mesh), static=True
+            )
         for kind, geoms in kinds.items():
             shapes = _shapes(model, kind, geoms)
             stream.log(_body_path(root, model, body, kind), shapes, static=True)
@@ -176,6 +178,5 @@ def _mesh(model: mujoco.MjModel, geom: int) -> rr.Mesh3D:
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     placed = vertices @ rotation.reshape(3, 3).T + model.geom_pos[geom]
-    return rr.Mesh3D(
-        vertex_positions=placed, triangle_indices=faces, albedo_factor=rr.AlbedoFactor(_colour(model, geom))
-    )
+    look = rr.AlbedoFactor(_colour(model, geom))
+    return rr.Mesh3D(vertex_positions=placed, triangle_indices=faces, albedo_factor=look)

@@ -63,7 +63,9 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
         for metric, rows in by_scenario.groupby("metric", sort=False):
             ordered = rows.sort_values("scenario")
             entity = entity_path("by_scenario", str(metric))
-            send_scalars(stream, entity, "scenario", ordered["scenario"], finite(ordered["value"]))
+            send_scalars(
+                stream, entity, "scenario", ordered["scenario"], finite(ordered["value"].to_numpy())
+            )
         if reliable:
             _log_reliability(stream, by_scenario)
 
@@ -100,7 +102,7 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
     for dimension, part in rows.groupby("dimension", sort=False):
         ordered = part.sort_values("step")
         entity = entity_path(metric, str(dimension))
-        send_scalars(stream, entity, TIMELINE, ordered["step"], finite(ordered["value"]))
+        send_scalars(stream, entity, TIMELINE, ordered["step"], finite(ordered["value"].to_numpy()))
         if dimension == "all":
             style_lines(stream, entity, [metric], [FORECAST], 3.0)
         else:
@@ -153,7 +155,7 @@ def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> N
     root = "/chart/reliability"
     chart.draw(stream, root)
     diagonal = rr.LineStrips2D(
-        [[[0, 0], [WIDTH, -1]]], colors=[REFERENCE], radii=rr.Radius.ui_points(1.0)
+        [np.array([[0.0, 0.0], [WIDTH, -1.0]])], colors=[REFERENCE], radii=rr.Radius.ui_points(1.0)
     )
     stream.log(f"{root}/diagonal", diagonal, static=True)
     dots = rr.Points2D(

@@ -11,7 +11,7 @@ from study.recording import blueprints
 from study.recording.charts import Axis, Chart
 from study.recording.palette import FORECAST, STATE, TARGET, faint
 from study.recording.properties import Properties, table, write_readme
-from study.recording.streams import finite, recording, send_scalars, style_lines, time_column
+from study.recording.streams import finite, recording, send_scalars
 
 KIND = "tuning"
 TIMELINE = "trial"
@@ -21,10 +21,10 @@ _README = """
 β weighs the KL term of the loss (equation 12). Each trial trains with one β and is scored by
 free-running forecasts of *validation* trajectories, never of test ones. Lower is better.
 
-**Green** a complete trial, **orange** one that was pruned because its intermediate scores were worse
-than the others', **red** one that failed. The large dot is the best.
+**Green** a complete trial, **orange** one that was pruned because its intermediate
+scores were worse than the others', **red** one that failed. The large dot is the best.
 
-Move the time cursor to see the search as it went, trial by trial.
+Below, the search as it went, trial by trial; the charts above are of the whole search.
 """
 
 
@@ -51,10 +51,10 @@ def record_tuning(path: Path, trials: Sequence[dict[str, Any]], properties: Prop
         for entity, series in (("/beta", betas), ("/log10_beta", np.log10(betas)), ("/best", best)):
             send_scalars(stream, entity, TIMELINE, numbers, series)
         steps = rr.components.InterpolationMode.StepAfter
-        look = rr.SeriesLines(
+        curve = rr.SeriesLines(
             names="best so far", colors=TARGET, widths=2.5, interpolation_mode=steps
         )
-        stream.log("/best", look, static=True)
+        stream.log("/best", curve, static=True)
         look = rr.SeriesPoints(colors=FORECAST, names="log₁₀ β", marker_sizes=5.0)
         stream.log("/log10_beta", look, static=True)
         for state, colour in STATE.items():
@@ -108,7 +108,7 @@ def _chart_of_beta(
     values: np.ndarray,
     best: np.ndarray,
 ) -> None:
-    """Every trial as a dot, growing in number with the timeline."""
+    """Every trial as a dot; for all time, since a recording opens at its beginning."""
     chart = Chart(Axis.around("β", betas, logarithmic=True), Axis.around("score", values))
     chart.draw(stream, "/chart/beta")
     winner = _best_index(best)
@@ -116,22 +116,22 @@ def _chart_of_beta(
         point = chart.place(betas[index : index + 1], values[index : index + 1])
         if not len(point):
             continue
-        dot = rr.Points2D.columns(
-            positions=point,
+        dot = rr.Points2D(
+            point,
             colors=[STATE[trial["state"]]],
             radii=rr.Radius.ui_points(8.0 if index == winner else 4.5),
         )
-        times = [time_column(TIMELINE, [trial["number"]])]
-        stream.send_columns(f"/chart/beta/trial_{trial['number']}", times, dot)
+        stream.log(f"/chart/beta/trial_{trial['number']}", dot, static=True)
 
 
 def _chart_of_intermediate(
     stream: rr.RecordingStream, trials: Sequence[dict[str, Any]], betas: np.ndarray
 ) -> None:
     """The curve of every trial; its numbers too, as scalars on the timeline `step`."""
+    sorted_steps = [sorted(trial["intermediate"].items()) for trial in trials]
     curves = [
-        (np.array(sorted(t["intermediate"])), np.array([v for _, v in sorted(t["intermediate"].items())]))
-        for t in trials
+        (np.array([step for step, _ in pairs]), np.array([value for _, value in pairs]))
+        for pairs in sorted_steps
     ]
     everything = np.concatenate([values for _, values in curves] or [np.empty(0)])
     steps = np.concatenate([steps for steps, _ in curves] or [np.empty(0)])
@@ -142,10 +142,9 @@ def _chart_of_intermediate(
             continue
         name = f"trial_{trial['number']}"
         send_scalars(stream, f"/intermediate/{name}", "step", steps, finite(values))
-        strip = rr.LineStrips2D.columns(
-            strips=[chart.place(steps, values)],
+        strip = rr.LineStrips2D(
+            [chart.place(steps, values)],
             colors=[faint(STATE[trial["state"]], 200)],
             radii=rr.Radius.ui_points(1.5),
         )
-        times = [time_column(TIMELINE, [trial["number"]])]
-        stream.send_columns(f"/chart/intermediate/{name}", times, strip)
+        stream.log(f"/chart/intermediate/{name}", strip, static=True)

@@ -1,6 +1,5 @@
 """The Rerun viewer: on the screen, and without one, for screenshots."""
 
-import json
 import os
 import re
 import socket
@@ -9,10 +8,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-import rerun_cli
 from rerun.experimental import ViewerClient
 
 from study.errors import StudyError
@@ -86,9 +86,10 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
         timelines = {line.name: line for line in recording.timelines}
         design = _ask(client.get_blueprint).blueprint
         chosen = design.get("/time_panel", {}).get("TimePanelBlueprint", {}).get("timeline")
-        if chosen in timelines and timelines[chosen].end is not None:
+        end = timelines[chosen].end if chosen in timelines else None
+        if end is not None:
             # Two thirds of the way: whatever moves has moved, and has not yet arrived.
-            start, end = timelines[chosen].start or 0, timelines[chosen].end
+            start = timelines[chosen].start or 0
             at = start + 2 * (end - start) // 3
             _ask(lambda: client.set_time(chosen, sequence=at, play_state="paused"))
         views: dict[str, Path] = {}
@@ -105,7 +106,7 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
                 name = _free(names[_view_id(view)], views)
                 file = out_dir / f"{path.stem}-{len(views) + 1:03d}-{_slug(name)}.png"
                 identity = view.removeprefix("/view/")
-                file.write_bytes(_ask(lambda i=identity: client.take_screenshot(i)))
+                file.write_bytes(_ask(partial(client.take_screenshot, identity)))
                 views[name] = file
             whole.write_bytes(_ask(client.take_screenshot))
             pages.append(whole)
@@ -114,7 +115,9 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
                 for view in _ask(client.get_state).views
                 for report in view.reports
             ]
-        problems += [f"{e.target}: {e.message}" for e in _ask(client.get_logs) if e.level == "ERROR"]
+        problems += [
+            f"{e.target}: {e.message}" for e in _ask(client.get_logs) if e.level == "ERROR"
+        ]
     return Screenshots(views, pages, problems)
 
 
@@ -135,7 +138,10 @@ def _headless() -> Iterator[ViewerClient]:
 
 def _executable() -> str:
     """The viewer that came with rerun-sdk, which need not be on the PATH."""
-    binary = Path(rerun_cli.__file__).with_name("rerun.exe" if os.name == "nt" else "rerun")
+    package = find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise StudyError("the Rerun viewer is missing: install rerun-sdk")
+    binary = Path(package.origin).with_name("rerun.exe" if os.name == "nt" else "rerun")
     if not binary.is_file():
         raise StudyError(f"the Rerun viewer is missing: {binary}")
     return str(binary)
@@ -188,7 +194,10 @@ def _leaves(
         yield choice, node
         return
     container = design[node]["ContainerBlueprint"]
-    for child in ("/" + str(name).strip("/") for name in container.get("contents", [])):
+    children = container.get("contents", [])
+    # The viewer writes a list of one as its only element.
+    for name in [children] if isinstance(children, str) else children:
+        child = "/" + name.strip("/")
         tab = {node: child} if container.get("container_kind") == "Tabs" else {}
         yield from _leaves(design, child, {**choice, **tab})
 

@@ -1,6 +1,6 @@
 """A small world to record: a puck on a table, pushed about, and a sledge that never moves."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -83,7 +83,7 @@ class Puck(Simulator):
         return mujoco.MjModel.from_xml_string(SCENE)
 
     def configuration(self, states: Floats) -> Doubles:
-        turn = np.arctan2(states[..., 3:], states[..., 2:3])
+        turn = np.arctan2(states[..., 3:4], states[..., 2:3])
         return np.concatenate([states[..., :2], turn], axis=-1).astype(np.float64)
 
 
@@ -115,14 +115,16 @@ def picks(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Pick]
     return made
 
 
-def trials() -> list[dict[str, object]]:
+def trials() -> list[dict[str, Any]]:
     """A search in which some trials were pruned, and one failed."""
     random = np.random.default_rng(0)
-    found: list[dict[str, object]] = []
+    found: list[dict[str, Any]] = []
     for number in range(14):
         beta = float(10 ** random.uniform(-4, 0))
         level = 0.2 + 0.08 * (np.log10(beta) + 2) ** 2
-        curve = {s: float(level + np.exp(-s / 200) + 0.02 * random.normal()) for s in range(0, 1000, 100)}
+        steps = range(0, 1000, 100)
+        noise = 0.02 * random.normal(size=10)
+        curve = {s: float(level + np.exp(-s / 200) + n) for s, n in zip(steps, noise, strict=True)}
         state = "failed" if number == 5 else "pruned" if level > 0.35 else "complete"
         if state != "complete":
             curve = dict(list(curve.items())[: 4 if state == "pruned" else 0])

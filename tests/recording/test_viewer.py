@@ -1,0 +1,96 @@
+"""Every kind of recording, opened in the real viewer, with no screen."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from study.errors import StudyError
+from study.recording import blueprints, viewer
+from study.recording.forecasts import record_forecast
+from study.recording.logger import RerunLogger
+from study.recording.scores import record_scores
+from study.recording.streams import recording
+from study.recording.tuning import record_tuning
+from tests.recording import toy
+
+# An empty plot has a title, axes and a cursor on a ground of one colour: see the test of it below.
+LEAST_COLOURED = 5e-4
+
+
+def coloured(image: Path) -> float:
+    """The share of a view's pixels, below its title, that are drawn: of text or of curves.
+
+    A pixel counts if it differs from the view's commonest colour by more than the grid does.
+    """
+    pixels = plt.imread(image)[40:, :, :3]
+    flat = np.round(pixels.reshape(-1, 3) * 255).astype(int)
+    codes = flat @ np.array([65536, 256, 1])
+    ground = int(np.bincount(codes).argmax())
+    away = np.abs(flat - [ground >> 16, ground >> 8 & 255, ground & 255]).max(axis=1)
+    # White-grey lettering of axes, and the cursor, have no hue; a document is all lettering.
+    hue = np.ptp(flat, axis=1)
+    return float(((away > 40) & (hue > 30)).mean())
+
+
+def lettered(image: Path) -> float:
+    """The share of bright pixels, for documents."""
+    pixels = plt.imread(image)[40:, :, :3]
+    return float((pixels.max(axis=-1) > 0.6).mean())
+
+
+def _training(path: Path) -> None:
+    with RerunLogger(path, properties=toy.PROPERTIES) as logger:
+        logger.log_hyperparams({"beta": 0.1})
+        for step in range(50):
+            logger.log_metrics({"train/loss": np.exp(-step / 10), "train/kl": step / 50}, step)
+
+
+KINDS: dict[str, Callable[[Path], None]] = {
+    "training": _training,
+    "tuning": lambda path: record_tuning(path, toy.trials(), toy.PROPERTIES),
+    "scores": lambda path: record_scores(path, toy.scores(), toy.PROPERTIES),
+    "forecast": lambda path: record_forecast(
+        path, toy.Puck(), toy.picks(toy.Puck(), 1), toy.PROPERTIES
+    ),
+}
+
+
+def _need_driver() -> None:
+    """Skip where nothing can be drawn; in continuous integration that is a failure."""
+    if not viewer.has_driver():
+        reason = "no Vulkan driver (apt-get install mesa-vulkan-drivers)"
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
+    _need_driver()
+    path = tmp_path / f"{kind}.rrd"
+    KINDS[kind](path)
+    shown = viewer.screenshots(path, tmp_path / "png")
+    assert shown.problems == []
+    documents = {"README", "About this scenario", "Hyperparameters"}
+    for name, image in shown.views.items():
+        share = lettered(image) if name in documents else coloured(image)
+        assert share > LEAST_COLOURED, f"{name} is blank: {share:.1e}"
+
+
+def test_an_empty_view_counts_as_blank(tmp_path: Path) -> None:
+    _need_driver()
+    path = tmp_path / "empty.rrd"
+    with recording(path, "training", {}, blueprints.training(["loss"])):
+        pass
+    shown = viewer.screenshots(path, tmp_path / "png")
+    assert coloured(shown.views["Loss"]) < LEAST_COLOURED
+    assert lettered(shown.views["README"]) < LEAST_COLOURED
+
+
+def test_no_driver_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record_tuning(tmp_path / "t.rrd", toy.trials(), {})
+    monkeypatch.setattr(viewer, "has_driver", lambda: False)
+    with pytest.raises(StudyError, match=r"^no Vulkan driver.*mesa-vulkan-drivers\)$"):
+        viewer.screenshots(tmp_path / "t.rrd", tmp_path)
