@@ -1,0 +1,97 @@
+"""What holds of every forecaster: reproducible, each scenario for itself, causal, whole on disk."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from study.models import models
+from study.seeds import spawn
+from study.stages.weights import load_model, save_model
+from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
+
+NAMES = ["residual_vae", "full_vae", "probabilistic_mlp", "ensemble"]
+VARIANTS = [
+    ("full_vae", {"feeding": "free"}),
+    ("residual_vae", {"feeding": "teacher", "output": "increment"}),
+    ("residual_vae", {"output": "increment"}),
+    ("residual_vae", {"encoder": "history"}),
+]
+EVERY = [(name, {}) for name in NAMES] + VARIANTS
+
+
+def given(count: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    data = trajectories(count, seed=1)
+    return data.states[:, 0], data.actions, spawn(7, count)
+
+
+def test_the_papers_models_are_registered() -> None:
+    assert {"residual_vae", "full_vae", "probabilistic_mlp"} <= set(models)
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_shape_and_reproducibility(name: str, variant: dict[str, str]) -> None:
+    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecasts = forecaster.forecast(s0, actions, 4, seeds)
+    assert forecasts.shape == (5, 4, HORIZON, STATE)
+    assert forecasts.dtype == np.float32
+    assert np.isfinite(forecasts).all()
+    np.testing.assert_array_equal(forecasts, forecaster.forecast(s0, actions, 4, seeds))
+    other = forecaster.forecast(s0, actions, 4, spawn(8, 5))
+    assert not np.allclose(forecasts, other)
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_a_scenario_does_not_know_of_the_others(name: str, variant: dict[str, str]) -> None:
+    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecasts = forecaster.forecast(s0, actions, 4, seeds)
+    order = np.array([3, 0, 4, 1, 2])
+    shuffled = forecaster.forecast(s0[order], actions[order], 4, seeds[order])
+    np.testing.assert_allclose(shuffled, forecasts[order], rtol=1e-4, atol=1e-4)
+    alone = forecaster.forecast(s0[2:3], actions[2:3], 4, seeds[2:3])
+    np.testing.assert_allclose(alone, forecasts[2:3], rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_a_forecast_is_causal(name: str, variant: dict[str, str]) -> None:
+    """a_t leads from s_t to s_{t+1}: it changes ŝ_{t+1} and later ones, and none before."""
+    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecasts = forecaster.forecast(s0, actions, 4, seeds)
+    for step in range(HORIZON):
+        other = actions.copy()
+        other[:, step] += 1.0
+        changed = forecaster.forecast(s0, other, 4, seeds)
+        np.testing.assert_array_equal(changed[:, :, :step], forecasts[:, :, :step])
+        assert not np.allclose(changed[:, :, step], forecasts[:, :, step])
+
+
+@pytest.mark.parametrize(("name", "variant"), EVERY)
+def test_saved_and_loaded_it_is_the_same(
+    name: str, variant: dict[str, str], tmp_path: Path
+) -> None:
+    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    path = tmp_path / "model.safetensors"
+    save_model(forecaster, name, path, beta=0.1)
+    again = load_model(path).forecast(s0, actions, 4, seeds)
+    np.testing.assert_array_equal(again, forecaster.forecast(s0, actions, 4, seeds))
+    first = path.read_bytes()
+    save_model(forecaster, name, path, beta=0.1)
+    assert path.read_bytes() == first
+
+
+def test_a_member_is_kept_over_the_horizon() -> None:
+    forecaster, (s0, actions, seeds) = model("ensemble"), given()
+    forecasts = forecaster.forecast(s0, actions, 50, seeds)
+    standard = forecaster.standard(torch.from_numpy(s0), torch.from_numpy(actions))
+    members = forecaster(*standard) * forecaster.state_scale + forecaster.state_mean
+    distance = np.abs(forecasts[:, :, None] - members.detach().numpy()[:, None]).max(axis=(3, 4))
+    assert (distance.min(axis=2) < 1e-4).all()
+    # Uniform over the three members: each is drawn by about a third of the samples.
+    shares = np.bincount(distance.argmin(axis=2).ravel(), minlength=3) / 250
+    assert (np.abs(shares - 1 / 3) < 0.12).all()
+
+
+def test_batches_have_the_sizes_of_the_data() -> None:
+    forecaster = model("probabilistic_mlp")
+    assert (forecaster.state_size, forecaster.action_size) == (STATE, ACTION)

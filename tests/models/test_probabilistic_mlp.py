@@ -1,0 +1,47 @@
+"""The probabilistic MLP: its likelihood, and that it samples and feeds back."""
+
+import torch
+from torch.distributions import Normal
+
+from study.models.probabilistic_mlp import ProbabilisticMlp
+from tests.models.common import ACTION, HORIZON, STATE, model
+
+
+def mlp() -> ProbabilisticMlp:
+    made = model("probabilistic_mlp")
+    assert isinstance(made, ProbabilisticMlp)
+    return made
+
+
+def test_the_likelihood_against_torch_distributions() -> None:
+    network = mlp()
+    logged: dict[str, torch.Tensor] = {}
+    network.log_dict = lambda values, **_: logged.update(values)  # type: ignore[method-assign]
+    torch.manual_seed(0)
+    states, actions = torch.randn(4, HORIZON + 1, STATE), torch.randn(4, HORIZON, ACTION)
+    network.training_step({"states": states, "actions": actions})
+    mean, log_variance = network(states[:, :-1], actions)
+    change = (states[:, 1:] - states[:, :-1]) / network.change_scale
+    expected = -Normal(mean, torch.exp(0.5 * log_variance)).log_prob(change).sum(-1).mean()
+    torch.testing.assert_close(logged["loss/negative_log_likelihood"], expected.detach())
+
+
+def test_the_next_state_is_sampled_and_fed_back() -> None:
+    network = mlp()
+    torch.manual_seed(0)
+    s0, actions = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
+    noise = torch.randn(2, HORIZON, STATE)
+    states = network.sample(s0, actions, noise, torch.zeros(2, dtype=torch.int64))
+    before = s0
+    for step in range(HORIZON):
+        mean, log_variance = network(before, actions[:, step])
+        change = mean + torch.exp(0.5 * log_variance) * noise[:, step]
+        torch.testing.assert_close(states[:, step], before + change * network.change_scale)
+        before = states[:, step]
+
+
+def test_the_variance_is_bounded() -> None:
+    network = mlp()
+    _, log_variance = network(torch.randn(50, STATE) * 1e4, torch.randn(50, ACTION) * 1e4)
+    assert (log_variance <= network.highest).all()
+    assert (log_variance >= network.lowest - 1e-3).all()

@@ -1,0 +1,175 @@
+"""The residual's algebra, the loss of equation (12), and what the network may see."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.distributions import Normal, kl_divergence
+
+from study.data.scaling import Scaling
+from study.models.cvae import RecurrentCvae, kl_from_standard_normal, negative_log_likelihood
+from study.models.residual_vae import ResidualVae
+from study.models.vae import Vae
+from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
+
+FEEDINGS = ["memory", "free", "teacher", "schedule"]
+
+
+def batch(count: int = 8) -> dict[str, Tensor]:
+    data = trajectories(count, seed=2)
+    scaling = Scaling.of(trajectories())
+    return {
+        "states": scaling.standard_states(data.states),
+        "actions": scaling.standard_actions(data.actions),
+    }
+
+
+def test_the_residuals_add_up() -> None:
+    """Equations (5) to (8): ε_total = ε_alea + ε_epist, whatever member is drawn."""
+    generator = np.random.default_rng(0)
+    truth, members = generator.normal(size=(4, 3)), generator.normal(size=(5, 4, 3))
+    total = truth - members.mean(0)
+    for member in members:
+        epistemic = member - members.mean(0)
+        aleatoric = truth - member
+        np.testing.assert_allclose(total, aleatoric + epistemic)
+
+
+def test_the_target_is_the_residual_to_the_drawn_member() -> None:
+    """ε_alea = y_true − ŷ_m, and ŝ_pred = ε̂ + ŷ_m: a decoder that returns ε_alea is exact."""
+    vae = model("residual_vae")
+    assert isinstance(vae, ResidualVae)
+    data = batch()
+    states, actions = data["states"], data["actions"]
+    members = vae.ensemble(states[:, 0], actions)
+    drawn = torch.tensor([0, 1, 2, 0, 1, 2, 0, 1])
+    baseline, condition = vae.conditions(states[:, 0], actions, drawn, members)
+    torch.testing.assert_close(baseline[:, 1:], members[torch.arange(8), drawn])
+    torch.testing.assert_close(baseline[:, 0], states[:, 0])
+    torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
+    computed, _ = vae.conditions(states[:, 0], actions, drawn, None)
+    torch.testing.assert_close(computed, baseline)
+    torch.nn.init.zeros_(vae.cvae.head[-1].weight)
+    torch.nn.init.zeros_(vae.cvae.head[-1].bias)
+    forecast = vae.sample(states[:, 0], actions, torch.zeros(8, HORIZON, 4), drawn)
+    torch.testing.assert_close(forecast, baseline[:, 1:])  # ε̂ = 0
+
+
+def test_full_vae_has_nothing_to_add_to() -> None:
+    vae = model("full_vae")
+    assert isinstance(vae, Vae)
+    data = batch()
+    drawn = torch.zeros(8, dtype=torch.int64)
+    baseline, condition = vae.conditions(data["states"][:, 0], data["actions"], drawn, None)
+    assert (baseline == 0).all()
+    torch.testing.assert_close(condition, data["actions"])
+
+
+def test_the_loss_term_by_term() -> None:
+    generator = np.random.default_rng(1)
+    prediction, truth = generator.normal(size=(2, 3, 4, STATE))
+    mean, log_variance = generator.normal(size=(2, 3, 4, 5))
+    log_scale = np.array([-1.0, 0.0, 0.5])
+    beta = 0.3
+    likelihood = divergence = 0.0
+    for b in range(3):
+        for t in range(4):
+            for d in range(STATE):
+                sigma = math.exp(log_scale[d])
+                error = truth[b, t, d] - prediction[b, t, d]
+                likelihood += 0.5 * (error / sigma) ** 2 + math.log(sigma * math.sqrt(2 * math.pi))
+            for z in range(5):
+                m, v = mean[b, t, z], math.exp(log_variance[b, t, z])
+                divergence += 0.5 * (m**2 + v - 1 - math.log(v))
+    likelihood, divergence = likelihood / 12, divergence / 12
+    cvae = RecurrentCvae(STATE, ACTION, 8, 5).double()
+    cvae.log_scale.data = torch.tensor(log_scale)
+    tensors = [torch.tensor(x) for x in (prediction, truth, mean, log_variance)]
+    loss, first, second = cvae.loss(*tensors, beta=beta)
+    assert float(first) == pytest.approx(likelihood)
+    assert float(second) == pytest.approx(divergence)
+    assert float(loss) == pytest.approx(likelihood + beta * divergence)
+
+
+def test_kl_and_likelihood_against_torch_distributions() -> None:
+    torch.manual_seed(0)
+    mean, log_variance, truth, log_scale = torch.randn(4, 6, 3).double().unbind(0)
+    posterior = Normal(mean, torch.exp(0.5 * log_variance))
+    prior = Normal(torch.zeros_like(mean), torch.ones_like(mean))
+    expected = kl_divergence(posterior, prior).sum(-1)
+    torch.testing.assert_close(kl_from_standard_normal(mean, log_variance), expected)
+    likelihood = -Normal(mean, log_scale.exp()).log_prob(truth).sum(-1)
+    torch.testing.assert_close(negative_log_likelihood(mean, truth, log_scale), likelihood)
+
+
+@pytest.mark.parametrize("feeding", FEEDINGS)
+def test_the_decoder_is_causal(feeding: str) -> None:
+    """Changing a_t, z_t or s_t never changes a prediction ŝ at or before t."""
+    torch.manual_seed(0)
+    cvae = RecurrentCvae(STATE, ACTION, 8, 4, feeds_back=feeding != "memory")
+    s0, baseline = torch.randn(2, STATE), torch.randn(2, HORIZON + 1, STATE)
+    condition, latent = torch.randn(2, HORIZON, ACTION), torch.randn(2, HORIZON, 4)
+    truth = torch.randn(2, HORIZON, STATE)
+    share = {"memory": 1.0, "free": 1.0, "teacher": 0.0, "schedule": 0.5}[feeding]
+
+    def decode(*changed: Tensor) -> Tensor:
+        torch.manual_seed(1)  # the schedule draws
+        return cvae.decode(s0, baseline, *changed, share)
+
+    reference = decode(condition, latent, truth)
+    for position in range(3):
+        for step in range(1, HORIZON):
+            inputs = [condition.clone(), latent.clone(), truth.clone()]
+            inputs[position][:, step] += 1.0
+            prediction = decode(*inputs)
+            # ŝ_1 … ŝ_t are made before s_t, a_t and z_t are seen.
+            torch.testing.assert_close(prediction[:, :step], reference[:, :step])
+            if position < 2 or feeding == "teacher":
+                assert not torch.allclose(prediction[:, step:], reference[:, step:])
+
+
+@pytest.mark.parametrize("sees_target", [True, False])
+def test_the_encoder_is_causal(sees_target: bool) -> None:
+    torch.manual_seed(0)
+    cvae = RecurrentCvae(STATE, ACTION, 8, 4, sees_target=sees_target)
+    inputs = [torch.randn(2, HORIZON, n) for n in (STATE, STATE, ACTION)]
+    reference, _ = cvae.encode(*inputs)
+    for position in range(3):
+        changed = [tensor.clone() for tensor in inputs]
+        changed[position][:, 3] += 1.0
+        mean, _ = cvae.encode(*changed)
+        torch.testing.assert_close(mean[:, :3], reference[:, :3])
+        sees = sees_target or position > 0
+        assert torch.allclose(mean[:, 3:], reference[:, 3:]) != sees
+
+
+@pytest.mark.parametrize("feeding", FEEDINGS)
+@pytest.mark.parametrize("name", ["residual_vae", "full_vae"])
+def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(name: str, feeding: str) -> None:
+    vae = model(name, feeding=feeding)
+    vae.log_dict = lambda *args, **kwargs: None  # type: ignore[method-assign]
+    before = {k: v.clone() for k, v in vae.state_dict().items() if k.startswith("ensemble")}
+    optimizer = torch.optim.Adam([p for p in vae.parameters() if p.requires_grad], 1e-2)
+    losses = []
+    for _ in range(60):
+        loss = vae.training_step(batch())
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss))
+    assert np.mean(losses[-5:]) < np.mean(losses[:5])
+    for key, value in before.items():
+        torch.testing.assert_close(vae.state_dict()[key], value)
+
+
+@pytest.mark.parametrize("how", ["sample", "batch"])
+def test_the_member_is_drawn_uniformly_in_training(how: str) -> None:
+    torch.manual_seed(0)
+    vae = model("residual_vae", member=how)
+    assert isinstance(vae, Vae)
+    drawn = torch.stack([vae.draw_training_members(10, torch.device("cpu")) for _ in range(300)])
+    shares = torch.bincount(drawn.flatten(), minlength=3) / drawn.numel()
+    assert (shares - 1 / 3).abs().max() < 0.1
+    assert bool((drawn == drawn[:, :1]).all()) == (how == "batch")
