@@ -102,7 +102,9 @@ def _parser(command: str) -> ArgumentParser:
     if command == "view":
         parser.add_argument("cell", help="such as pusher/low/residual_vae/seed-0")
         parser.add_argument("--kind", default="forecast", help="forecast, scores, training, tuning")
-    parser.add_argument("--config", action="config", help="YAML file; configs/quick.yaml by default")
+    parser.add_argument(
+        "--config", action="config", help="YAML file; configs/quick.yaml by default"
+    )
     parser.add_argument("--out", help="results folder; results/NAME by default")
     parser.add_argument("--only", help="cells whose name matches, such as 'pusher/high/*'")
     parser.add_class_arguments(Config, None)
@@ -173,7 +175,9 @@ def _nearest_key(name: str) -> str:
     section, _, last = name.rpartition(".")
     same_ending = [key for key in every if key.rpartition(".")[2] == last]
     siblings = [key for key in every if section and key.startswith(section + ".")]
-    return nearest(name, same_ending or siblings or sorted({key.partition(".")[0] for key in every}))
+    return nearest(
+        name, same_ending or siblings or sorted({key.partition(".")[0] for key in every})
+    )
 
 
 def _flag(arguments: list[str], flag: str) -> str | None:

@@ -13,7 +13,14 @@ from study.execute import Outcome
 from study.progress import read_progress
 
 # Rough shares of a study's time, for the estimate before a stage of the kind has ended.
-EXPECTED = {"collect": 3.0, "ensemble": 4.0, "tune": 4.0, "train": 5.0, "evaluate": 2.0, "record": 0.3}
+EXPECTED = {
+    "collect": 3.0,
+    "ensemble": 4.0,
+    "tune": 4.0,
+    "train": 5.0,
+    "evaluate": 2.0,
+    "record": 0.3,
+}
 # Without a terminal, a long stage is heard of this often.
 HEARTBEAT = 60.0
 

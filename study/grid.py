@@ -50,7 +50,9 @@ def select(every: list[Cell], only: str | None) -> list[Cell]:
     if only is None:
         return every
     chosen = [
-        cell for cell in every if fnmatchcase(cell.name, only) or fnmatchcase(cell.name, only + "/*")
+        cell
+        for cell in every
+        if fnmatchcase(cell.name, only) or fnmatchcase(cell.name, only + "/*")
     ]
     if not chosen:
         names = [cell.name for cell in every]

@@ -26,7 +26,9 @@ def locked(folder: Path) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        raise BadInput(f"--out: {folder} is in use by {_describe(holder)}; wait, or use another --out") from None
+        raise BadInput(
+            f"--out: {folder} is in use by {_describe(holder)}; wait, or use another --out"
+        ) from None
     try:
         holder.write_text(
             json.dumps(

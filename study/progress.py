@@ -30,9 +30,7 @@ class Progress:
 
     def part(self, start: float, end: float) -> "Progress":
         """The progress of a part that lasts from `start` to `end` of the whole."""
-        return Progress(
-            self.path, self.start + self.share * start, self.share * (end - start)
-        )
+        return Progress(self.path, self.start + self.share * start, self.share * (end - start))
 
 
 def read_progress(path: Path) -> dict[str, Any]:

@@ -43,7 +43,9 @@ def main(arguments: list[str] | None = None) -> int:
         return error.exit_code
     except OSError as error:
         # A full disk, a folder that went away: nothing that is complete is lost.
-        print(f"error: {error}; free the place or use another --out, and run again", file=sys.stderr)
+        print(
+            f"error: {error}; free the place or use another --out, and run again", file=sys.stderr
+        )
         return 1
     except KeyboardInterrupt:
         print("stopped: run the same command again to go on from here", file=sys.stderr)

@@ -38,9 +38,7 @@ class Trajectories:
 
     def __getitem__(self, index: slice | NDArray[np.int64]) -> "Trajectories":
         """Some of the trajectories."""
-        return Trajectories(
-            self.states[index], self.actions[index], self.hidden[index], self.facts
-        )
+        return Trajectories(self.states[index], self.actions[index], self.hidden[index], self.facts)
 
     def save(self, path: Path) -> None:
         """Write to one safetensors file."""

@@ -48,9 +48,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     names, scale, bandwidth = read_kernel(inputs["data"])
     seeds = spawn(settings["seed"], len(test))
     progress(0.01, "forecasting")
-    forecasts = forecast_in_parts(
-        forecaster, test, samples, seeds, progress.part(0.01, 0.5)
-    )
+    forecasts = forecast_in_parts(forecaster, test, samples, seeds, progress.part(0.01, 0.5))
     scores = score(
         forecasts,
         test.observed,

@@ -48,9 +48,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
 
 def _properties(cell: Cell, inputs: dict[str, Path]) -> Properties:
     """What the recordings say of where they come from."""
-    settings = {
-        name: read_json(folder / MANIFEST)["settings"] for name, folder in inputs.items()
-    }
+    settings = {name: read_json(folder / MANIFEST)["settings"] for name, folder in inputs.items()}
     return {
         "cell": cell.name,
         "environment": cell.environment,
@@ -82,7 +80,5 @@ def _picks(path: Path, scores: pd.DataFrame) -> list[Pick]:
             rule=f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}",
             **{name: arrays[name][row] for name in each if name in arrays},
         )
-        for row, (scenario, rule) in enumerate(
-            zip(arrays["scenario"], facts["rules"], strict=True)
-        )
+        for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True))
     ]

@@ -52,9 +52,7 @@ def load_model(path: Path) -> Model:
     tensors = load_file(path)
     names = ("state_mean", "state_scale", "action_mean", "action_scale", "change_scale")
     scaling = Scaling(*(np.asarray(tensors[name].numpy()) for name in names))
-    ensemble = (
-        Ensemble(scaling, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
-    )
+    ensemble = Ensemble(scaling, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
     model = build(facts["model"], scaling, facts["settings"], facts["beta"], ensemble)
     model.load_state_dict(tensors)
     return model.eval()

@@ -43,5 +43,5 @@ def test_the_next_state_is_sampled_and_fed_back() -> None:
 def test_the_variance_is_bounded() -> None:
     network = mlp()
     _, log_variance = network(torch.randn(50, STATE) * 1e4, torch.randn(50, ACTION) * 1e4)
-    assert (log_variance <= network.highest).all()
+    assert (log_variance <= network.highest + 1e-3).all()
     assert (log_variance >= network.lowest - 1e-3).all()

@@ -8,7 +8,7 @@ from study.models.recurrence import gru, gru_cell
 
 def arguments(*members: int) -> tuple[torch.Tensor, ...]:
     torch.manual_seed(0)
-    shapes = [(5, *members, 4, 9), (*members, 4, 3), (*members, 3, 9), (*members, 1, 9)]
+    shapes = [(3, *members, 2, 6), (*members, 2, 2), (*members, 2, 6), (*members, 1, 6)]
     return tuple(torch.randn(s, dtype=torch.float64, requires_grad=True) for s in shapes)
 
 
