@@ -66,6 +66,7 @@ class Ensemble:
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
         learning_rate: of Adam, at its peak (one-cycle schedule).
+        taught: share of the steps that learn single transitions, before whole forecasts count.
         validate_every: steps between two looks at the validation data.
         patience: looks without improvement before training stops.
     """
@@ -75,6 +76,7 @@ class Ensemble:
     steps: int = setting(1000, low=1)
     batch_size: int = setting(64, low=1)
     learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
+    taught: float = setting(0.4, low=0.0, high=1.0)
     validate_every: int = setting(50, low=1)
     patience: int = setting(6, low=1)
 
@@ -110,8 +112,7 @@ class Vae:
         hidden_size: width of the encoder's and the decoder's GRU.
         latent_size: components of z_t.
         feeding: the decoder's state history in training: its own predictions (`free`), the true
-            states (`teacher`), first the true ones and then its own (`schedule`), or none but its
-            memory, which has seen all that its own predictions are made of (`memory`).
+            states (`teacher`), or first the true ones and then its own (`schedule`).
         output: the decoder's output: the target itself (`direct`) or its change (`increment`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
@@ -120,7 +121,7 @@ class Vae:
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    feeding: str = setting("memory", choices=("memory", "free", "teacher", "schedule"))
+    feeding: str = setting("free", choices=("free", "teacher", "schedule"))
     output: str = setting("direct", choices=("direct", "increment"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))

@@ -4,11 +4,10 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
-from study.models.recurrence import gru
+from study.models.recurrence import feedback_gru, gru
 
 
 class StackedLinear(nn.Module):
@@ -29,27 +28,47 @@ class StackedLinear(nn.Module):
 class Members(nn.Module):
     """M recurrent networks for p_θ(s_{1:T} | s_0; a_{0:T-1}), computed side by side.
 
-    A member's state begins as a function of s_0 and is driven by the actions; no forecast state is
-    fed back. The output is the change since s_0, so that a new network forecasts that nothing
-    moves.
+    A member is driven by the actions and by its own last state, to which it adds a change, in
+    units of the change that a step usually brings.
+
+    Args:
+        members: M.
+        change_scale: [D].
+        action_size: A.
+        hidden_size: H.
     """
 
-    def __init__(self, members: int, state_size: int, action_size: int, hidden_size: int) -> None:
-        super().__init__()
-        self.start = StackedLinear(members, state_size, hidden_size)
-        self.driven = StackedLinear(members, action_size + state_size, 3 * hidden_size)
-        self.recurrent = StackedLinear(members, hidden_size, 3 * hidden_size)
-        self.inner = StackedLinear(members, hidden_size, hidden_size)
-        self.outer = StackedLinear(members, hidden_size, state_size)
+    change_scale: Tensor
 
-    def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """ŝ_{1:T} [M, B, T, D] from s_0 [M, B, D] and a_{0:T-1} [M, B, T, A], in standard units."""
-        steps = torch.movedim(actions, 2, 0)  # time first: [T, M, B, A]
-        begun = s0.expand(len(steps), *s0.shape)
-        driven = self.driven(torch.cat([steps, begun], -1))
-        hidden = gru(driven, torch.tanh(self.start(s0)), self.recurrent.weight, self.recurrent.bias)
-        change = self.outer(functional.silu(self.inner(hidden)))
-        return torch.movedim(s0 + change, 0, 2)
+    def __init__(
+        self, members: int, change_scale: Tensor, action_size: int, hidden_size: int
+    ) -> None:
+        super().__init__()
+        state_size = len(change_scale)
+        self.register_buffer("change_scale", change_scale.clone())
+        self.start = StackedLinear(members, state_size, hidden_size)
+        self.driven = StackedLinear(members, action_size, 3 * hidden_size)
+        self.feed = StackedLinear(members, state_size, 3 * hidden_size)
+        self.recurrent = StackedLinear(members, hidden_size, 3 * hidden_size)
+        self.out = StackedLinear(members, hidden_size, state_size)
+
+    def forward(self, s0: Tensor, actions: Tensor, truth: Tensor | None = None) -> Tensor:
+        """ŝ_{1:T} [M, B, T, D] from s_0 [M, B, D] and a_{0:T-1} [M, B, T, A], in standard units.
+
+        With `truth` s_{0:T-1} [M, B, T, D] each step begins at the true state: teacher forcing.
+        """
+        driven = self.driven(torch.movedim(actions, 2, 0)) + self.feed.bias  # time first
+        out, drift = self.out.weight * self.change_scale, self.out.bias * self.change_scale
+        hidden, recurrent = torch.tanh(self.start(s0)), self.recurrent
+        if truth is None:
+            steady = drift.expand(len(driven), *s0.shape)
+            feed, weight, bias = self.feed.weight, recurrent.weight, recurrent.bias
+            _, states = feedback_gru(driven, steady, hidden, s0, weight, bias, feed, out, 1.0)
+            return torch.movedim(states, 0, 2)
+        before = torch.movedim(truth, 2, 0)
+        driven = driven + before @ self.feed.weight
+        change = gru(driven, hidden, recurrent.weight, recurrent.bias) @ out + drift
+        return torch.movedim(before + change, 0, 2)
 
 
 class Ensemble(Model):
@@ -66,7 +85,7 @@ class Ensemble(Model):
         super().__init__(scaling, settings)
         ensemble = settings["ensemble"]
         self.members = Members(
-            ensemble["members"], self.state_size, self.action_size, ensemble["hidden_size"]
+            ensemble["members"], self.change_scale, self.action_size, ensemble["hidden_size"]
         )
 
     def members_count(self) -> int:
@@ -87,11 +106,17 @@ class Ensemble(Model):
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """−log p_θ of each member under a Gaussian of fixed scale: the squared error.
 
-        The batch has a leading axis M: each member sees the data in its own order.
+        The batch has a leading axis M: each member sees the data in its own order. The first steps
+        are taught one transition at a time, in units of a step's change, which is quick to learn
+        and where to begin from; then whole forecasts count, in units of the state.
         """
-        states, actions = batch["states"], batch["actions"]
-        forecasts = self.members(states[:, :, 0], actions)
-        errors = (forecasts - states[:, :, 1:]).square().mean((1, 2, 3))
+        states, actions, options = batch["states"], batch["actions"], self.settings["ensemble"]
+        s0, truth = states[:, :, 0], states[:, :, 1:]
+        if self.global_step < options["taught"] * options["steps"]:
+            error = (self.members(s0, actions, states[:, :, :-1]) - truth) / self.change_scale
+        else:
+            error = self.members(s0, actions) - truth
+        errors = error.square().mean((1, 2, 3))
         for index, error in enumerate(errors.detach()):
             self.log(f"loss/member_{index}", error)
         # The members share no parameter, so the sum's gradient is each member's own.

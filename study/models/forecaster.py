@@ -140,7 +140,7 @@ class Model(L.LightningModule):
 
 
 def adam(parameters: Any, learning_rate: float, steps: int) -> Any:
-    """Adam, its rate rising over the first tenth of the steps and then falling to nearly nothing."""
+    """Adam; its rate rises over the first tenth of the steps, then falls to nearly nothing."""
     optimizer = torch.optim.Adam(parameters, lr=learning_rate)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1

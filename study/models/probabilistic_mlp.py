@@ -1,6 +1,7 @@
 """The probabilistic MLP (section III-C; Kendall and Gal 2017; Chua et al. 2018)."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -31,7 +32,7 @@ class ProbabilisticMlp(Model):
         width, layers = settings["mlp"]["hidden_size"], settings["mlp"]["layers"]
         sizes = [self.state_size + self.action_size, *[width] * layers]
         stack: list[nn.Module] = []
-        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        for inputs, outputs in pairwise(sizes):
             stack += [nn.Linear(inputs, outputs), nn.SiLU()]
         self.network = nn.Sequential(*stack, nn.Linear(width, 2 * self.state_size))
         self.highest = nn.Parameter(torch.full((self.state_size,), 1.0))

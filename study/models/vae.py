@@ -10,6 +10,9 @@ from study.data.scaling import Scaling
 from study.models.cvae import RecurrentCvae
 from study.models.forecaster import Model
 
+# With feeding `schedule`, this share of the steps is taught with the true states.
+TAUGHT = 0.3
+
 
 class Vae(Model):
     """A recurrent conditional VAE on a baseline; a subclass says which baseline.
@@ -29,15 +32,15 @@ class Vae(Model):
     ) -> None:
         super().__init__(scaling, settings)
         vae = settings["vae"]
-        self.beta, self.noise_size = beta, vae["latent_size"]
+        self.beta, self.noise_size = beta, int(vae["latent_size"])
+        increments = vae["output"] == "increment"
         self.cvae = RecurrentCvae(
-            self.state_size,
+            self.change_scale if increments else torch.ones_like(self.change_scale),
             self.action_size + extra_conditions,
             vae["hidden_size"],
             vae["latent_size"],
-            increments=vae["output"] == "increment",
+            increments=increments,
             sees_target=vae["encoder"] == "target",
-            feeds_back=vae["feeding"] != "memory",
         )
 
     @abstractmethod
@@ -58,13 +61,11 @@ class Vae(Model):
         size = 1 if self.settings["vae"]["member"] == "batch" else count
         return torch.randint(self.members_count(), (size,), device=device).expand(count)
 
-    def own_share(self) -> float:
-        """Share of steps at which the decoder in training is fed its own prediction."""
-        feeding = self.settings["vae"]["feeding"]
-        if feeding == "schedule":
-            # Linear over the first half of training, then free running.
-            return min(1.0, 2 * self.global_step / self.settings["train"]["steps"])
-        return 0.0 if feeding == "teacher" else 1.0
+    def is_taught(self) -> bool:
+        """Whether the decoder is now fed the true states instead of its own predictions."""
+        if self.settings["vae"]["feeding"] != "schedule":
+            return bool(self.settings["vae"]["feeding"] == "teacher")
+        return bool(self.global_step < TAUGHT * self.settings["train"]["steps"])
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """One batch of Algorithm 1."""
@@ -75,9 +76,8 @@ class Vae(Model):
         target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
-        prediction = self.cvae.decode(
-            s0, baseline, condition, latent, states[:, :-1], self.own_share()
-        )
+        history = states[:, :-1] if self.is_taught() else None
+        prediction = self.cvae.decode(s0, baseline, condition, latent, history)
         loss, likelihood, divergence = self.cvae.loss(
             prediction, truth, mean, log_variance, self.beta
         )
@@ -86,6 +86,9 @@ class Vae(Model):
         return loss
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: z_t from the prior, the decoder fed its own predictions."""
+        """See `Model.sample`: z_t from the prior, the decoder fed its own predictions.
+
+        A forecast state is the mean of p_θ(s_{t+1} | ·): its noise is the latent variables'.
+        """
         baseline, condition = self.conditions(s0, actions, member, None)
         return self.cvae.decode(s0, baseline, condition, noise)

@@ -1,8 +1,8 @@
 """Stage ensemble: fit the M recurrent networks, and forecast the training trajectories with them.
 
 Writes ``ensemble.safetensors`` (weights), ``members.safetensors`` (the members' forecasts of the
-training trajectories, [N, M, T, D]: the residuals of every cell are made from them), ``metrics.csv``
-and ``training.rrd``.
+training trajectories, [N, M, T, D]: the residuals of every cell are made from them),
+``metrics.csv`` and ``training.rrd``.
 """
 
 from pathlib import Path

@@ -39,8 +39,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
         pruner=optuna.pruners.MedianPruner(n_startup_trials=2, n_warmup_steps=0),
         load_if_exists=True,
     )
-    for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-        study.tell(trial.number, state=TrialState.FAIL)  # a stop ended it
+    for stopped in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        study.tell(stopped.number, state=TrialState.FAIL)
     while (index := len(study.get_trials(deepcopy=False, states=ENDED))) < tune["trials"]:
         study.sampler = sampler(index, settings)
         trial = study.ask()
@@ -103,7 +103,7 @@ def _try(
     progress: Progress,
     report: Report,
 ) -> float:
-    """The validation score after a short fit with this β; all trials begin with the same weights."""
+    """The validation score after a short fit; all trials begin with the same weights."""
     tune = settings["tune"]
     sections = settings["sections"]
     short = sections | {"train": sections["train"] | {"steps": tune["steps"]}}

@@ -1,5 +1,6 @@
 """The probabilistic MLP: its likelihood, and that it samples and feeds back."""
 
+import pytest
 import torch
 from torch.distributions import Normal
 
@@ -13,10 +14,10 @@ def mlp() -> ProbabilisticMlp:
     return made
 
 
-def test_the_likelihood_against_torch_distributions() -> None:
+def test_the_likelihood_against_torch_distributions(monkeypatch: pytest.MonkeyPatch) -> None:
     network = mlp()
     logged: dict[str, torch.Tensor] = {}
-    network.log_dict = lambda values, **_: logged.update(values)  # type: ignore[method-assign]
+    monkeypatch.setattr(network, "log_dict", lambda values, **_: logged.update(values))
     torch.manual_seed(0)
     states, actions = torch.randn(4, HORIZON + 1, STATE), torch.randn(4, HORIZON, ACTION)
     network.training_step({"states": states, "actions": actions})

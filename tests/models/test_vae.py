@@ -14,7 +14,7 @@ from study.models.residual_vae import ResidualVae
 from study.models.vae import Vae
 from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
 
-FEEDINGS = ["memory", "free", "teacher", "schedule"]
+FEEDINGS = ["free", "teacher", "schedule"]
 
 
 def batch(count: int = 8) -> dict[str, Tensor]:
@@ -51,8 +51,8 @@ def test_the_target_is_the_residual_to_the_drawn_member() -> None:
     torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
     computed, _ = vae.conditions(states[:, 0], actions, drawn, None)
     torch.testing.assert_close(computed, baseline)
-    torch.nn.init.zeros_(vae.cvae.head[-1].weight)
-    torch.nn.init.zeros_(vae.cvae.head[-1].bias)
+    vae.cvae.out.weight.data.zero_()
+    vae.cvae.out.bias.data.zero_()
     forecast = vae.sample(states[:, 0], actions, torch.zeros(8, HORIZON, 4), drawn)
     torch.testing.assert_close(forecast, baseline[:, 1:])  # ε̂ = 0
 
@@ -84,10 +84,15 @@ def test_the_loss_term_by_term() -> None:
                 m, v = mean[b, t, z], math.exp(log_variance[b, t, z])
                 divergence += 0.5 * (m**2 + v - 1 - math.log(v))
     likelihood, divergence = likelihood / 12, divergence / 12
-    cvae = RecurrentCvae(STATE, ACTION, 8, 5).double()
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 5).double()
     cvae.log_scale.data = torch.tensor(log_scale)
-    tensors = [torch.tensor(x) for x in (prediction, truth, mean, log_variance)]
-    loss, first, second = cvae.loss(*tensors, beta=beta)
+    loss, first, second = cvae.loss(
+        torch.tensor(prediction),
+        torch.tensor(truth),
+        torch.tensor(mean),
+        torch.tensor(log_variance),
+        beta,
+    )
     assert first.item() == pytest.approx(likelihood)
     assert second.item() == pytest.approx(divergence)
     assert loss.item() == pytest.approx(likelihood + beta * divergence)
@@ -104,36 +109,47 @@ def test_kl_and_likelihood_against_torch_distributions() -> None:
     torch.testing.assert_close(negative_log_likelihood(mean, truth, log_scale), likelihood)
 
 
-@pytest.mark.parametrize("feeding", FEEDINGS)
-def test_the_decoder_is_causal(feeding: str) -> None:
+@pytest.mark.parametrize("increments", [True, False])
+@pytest.mark.parametrize("taught", [True, False])
+def test_the_decoder_is_causal(taught: bool, increments: bool) -> None:
     """Changing a_t, z_t or s_t never changes a prediction ŝ at or before t."""
     torch.manual_seed(0)
-    cvae = RecurrentCvae(STATE, ACTION, 8, 4, feeds_back=feeding != "memory")
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, increments)
     s0, baseline = torch.randn(2, STATE), torch.randn(2, HORIZON + 1, STATE)
-    condition, latent = torch.randn(2, HORIZON, ACTION), torch.randn(2, HORIZON, 4)
-    truth = torch.randn(2, HORIZON, STATE)
-    share = {"memory": 1.0, "free": 1.0, "teacher": 0.0, "schedule": 0.5}[feeding]
-
-    def decode(*changed: Tensor) -> Tensor:
-        torch.manual_seed(1)  # the schedule draws
-        return cvae.decode(s0, baseline, *changed, share)
-
-    reference = decode(condition, latent, truth)
-    for position in range(3):
+    known = {
+        "condition": torch.randn(2, HORIZON, ACTION),
+        "latent": torch.randn(2, HORIZON, 4),
+        "truth": torch.randn(2, HORIZON, STATE),
+    }
+    if not taught:
+        del known["truth"]
+    reference = cvae.decode(s0, baseline, **known)
+    for name in known:
         for step in range(1, HORIZON):
-            inputs = [condition.clone(), latent.clone(), truth.clone()]
-            inputs[position][:, step] += 1.0
-            prediction = decode(*inputs)
+            changed = known | {name: known[name].clone()}
+            changed[name][:, step] += 1.0
+            prediction = cvae.decode(s0, baseline, **changed)
             # ŝ_1 … ŝ_t are made before s_t, a_t and z_t are seen.
             torch.testing.assert_close(prediction[:, :step], reference[:, :step])
-            if position < 2 or feeding == "teacher":
-                assert not torch.allclose(prediction[:, step:], reference[:, step:])
+            assert not torch.allclose(prediction[:, step], reference[:, step])
+
+
+@pytest.mark.parametrize("increments", [True, False])
+def test_teacher_forcing_with_its_own_predictions_is_free_running(increments: bool) -> None:
+    torch.manual_seed(0)
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, increments)
+    s0, baseline = torch.randn(2, STATE), torch.randn(2, HORIZON + 1, STATE)
+    condition, latent = torch.randn(2, HORIZON, ACTION), torch.randn(2, HORIZON, 4)
+    free = cvae.decode(s0, baseline, condition, latent)
+    history = torch.cat([s0[:, None], free[:, :-1]], dim=1)
+    taught = cvae.decode(s0, baseline, condition, latent, history)
+    torch.testing.assert_close(taught, free)
 
 
 @pytest.mark.parametrize("sees_target", [True, False])
 def test_the_encoder_is_causal(sees_target: bool) -> None:
     torch.manual_seed(0)
-    cvae = RecurrentCvae(STATE, ACTION, 8, 4, sees_target=sees_target)
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, sees_target=sees_target)
     inputs = [torch.randn(2, HORIZON, n) for n in (STATE, STATE, ACTION)]
     reference, _ = cvae.encode(*inputs)
     for position in range(3):
@@ -147,14 +163,17 @@ def test_the_encoder_is_causal(sees_target: bool) -> None:
 
 @pytest.mark.parametrize("feeding", FEEDINGS)
 @pytest.mark.parametrize("name", ["residual_vae", "full_vae"])
-def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(name: str, feeding: str) -> None:
+def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
+    name: str, feeding: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     vae = model(name, feeding=feeding)
-    vae.log_dict = lambda *args, **kwargs: None  # type: ignore[method-assign]
+    monkeypatch.setattr(vae, "log_dict", lambda *_, **__: None)
     before = {k: v.clone() for k, v in vae.state_dict().items() if k.startswith("ensemble")}
     optimizer = torch.optim.Adam([p for p in vae.parameters() if p.requires_grad], 1e-2)
     losses = []
     for _ in range(25):
         loss = vae.training_step(batch())
+        assert isinstance(loss, Tensor)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
