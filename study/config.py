@@ -51,7 +51,7 @@ class Collect:
     reduction: int = setting(10, low=1)
     validation: int = setting(256, low=2)
     scenarios: int = setting(250, low=2)
-    rollouts: int = setting(50, low=2)
+    rollouts: int = setting(40, low=2)
     horizon: int | None = setting(None, low=2)
     seed: int = setting(0, low=0)
 
@@ -73,7 +73,7 @@ class Ensemble:
 
     members: int = setting(5, low=1)
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(1000, low=1)
+    steps: int = setting(400, low=1)
     batch_size: int = setting(64, low=1)
     learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
     taught: float = setting(0.4, low=0.0, high=1.0)
@@ -96,9 +96,9 @@ class Tune:
     """
 
     trials: int = setting(4, low=1)
-    beta_low: float = setting(1e-4, low=1e-12)
-    beta_high: float = setting(1.0, low=1e-12)
-    steps: int = setting(150, low=1)
+    beta_low: float = setting(0.1, low=1e-12)
+    beta_high: float = setting(30.0, low=1e-12)
+    steps: int = setting(120, low=1)
     reports: int = setting(3, low=1)
     validation: int = setting(64, low=2)
     samples: int = setting(16, low=2)
@@ -113,7 +113,8 @@ class Vae:
         latent_size: components of z_t.
         feeding: the decoder's state history in training: its own predictions (`free`), the true
             states (`teacher`), or first the true ones and then its own (`schedule`).
-        output: the decoder's output: the target itself (`direct`) or its change (`increment`).
+        residual_output: the residual decoder gives ε_{t+1} (`direct`) or its change (`increment`).
+        full_output: the full decoder gives s_{t+1} (`direct`) or its change (`increment`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
         member: m is drawn for each trajectory of a batch (`sample`) or once for all (`batch`).
@@ -121,8 +122,9 @@ class Vae:
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    feeding: str = setting("free", choices=("free", "teacher", "schedule"))
-    output: str = setting("direct", choices=("direct", "increment"))
+    feeding: str = setting("schedule", choices=("free", "teacher", "schedule"))
+    residual_output: str = setting("direct", choices=("direct", "increment"))
+    full_output: str = setting("increment", choices=("direct", "increment"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))
 
@@ -153,9 +155,9 @@ class Train:
         accelerator: Lightning's: `auto` takes a GPU where there is one.
     """
 
-    steps: int = setting(600, low=1)
+    steps: int = setting(450, low=1)
     batch_size: int = setting(64, low=1)
-    learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
+    learning_rate: float = setting(4e-3, low=1e-8, high=1.0)
     validate_every: int = setting(50, low=1)
     patience: int = setting(8, low=1)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
@@ -171,7 +173,7 @@ class Evaluate:
         picks: scenarios whose forecasts are kept for the recordings.
     """
 
-    samples: int = setting(50, low=2)
+    samples: int = setting(40, low=2)
     bandwidth: float = setting(1.0, low=1e-3, high=1e3)
     picks: int = setting(8, low=1)
 

@@ -25,7 +25,8 @@ class ResidualVae(Vae):
     def __init__(
         self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
     ) -> None:
-        super().__init__(scaling, settings, beta, extra_conditions=len(scaling.state_mean))
+        output = settings["vae"]["residual_output"]
+        super().__init__(scaling, settings, beta, output, len(scaling.state_mean))
         self.ensemble = ensemble.requires_grad_(False)
 
     def members_count(self) -> int:

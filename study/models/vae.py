@@ -21,6 +21,7 @@ class Vae(Model):
         scaling: standard units.
         settings: the sections `vae` and `train` of the configuration.
         beta: β of equation (12).
+        output: what the decoder gives, the target (`direct`) or its change (`increment`).
         extra_conditions: size of what the decoder sees beside the actions.
     """
 
@@ -28,12 +29,17 @@ class Vae(Model):
     sections = ("vae", "train")
 
     def __init__(
-        self, scaling: Scaling, settings: dict[str, Any], beta: float, extra_conditions: int = 0
+        self,
+        scaling: Scaling,
+        settings: dict[str, Any],
+        beta: float,
+        output: str,
+        extra_conditions: int = 0,
     ) -> None:
         super().__init__(scaling, settings)
         vae = settings["vae"]
         self.beta, self.noise_size = beta, int(vae["latent_size"])
-        increments = vae["output"] == "increment"
+        increments = output == "increment"
         self.cvae = RecurrentCvae(
             self.change_scale if increments else torch.ones_like(self.change_scale),
             self.action_size + extra_conditions,

@@ -14,8 +14,8 @@ from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
 
 NAMES = ["residual_vae", "full_vae", "probabilistic_mlp", "ensemble"]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
-    ("full_vae", {"output": "increment"}),
-    ("residual_vae", {"output": "increment"}),
+    ("full_vae", {"full_output": "direct"}),
+    ("residual_vae", {"residual_output": "increment"}),
     ("residual_vae", {"encoder": "history"}),
 ]
 EVERY: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in NAMES] + VARIANTS
