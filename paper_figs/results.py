@@ -18,7 +18,7 @@ def read_scores(results: Path) -> pd.DataFrame:
     Raises:
         BadInput: there is no such folder, or no table of scores in it that can be read.
     """
-    remedy = "run `python -m study.run all` first, or give --results another folder"
+    remedy = "run `python -m study.run all` first, or give another folder"
     path = results / "scores.parquet"
     if not results.is_dir():
         raise BadInput(f"there is no folder {results}: {remedy}")

@@ -27,7 +27,7 @@ COMMANDS = {
     "view": "open a cell's recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
 }
 
-HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--only PATTERN] [--any.setting VALUE]
+HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
 
 {commands}
 

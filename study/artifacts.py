@@ -88,11 +88,14 @@ class Store:
         return self.log(task).with_suffix(".error")
 
     def begin(self, task: Task, resumable: bool) -> Path:
-        """An empty folder to write into; what a stopped run left there stays if `resumable`."""
-        self.failure(task).unlink(missing_ok=True)
+        """An empty folder to write into; what a stopped run left there stays if `resumable`.
+
+        What a failed run left is never built upon: it may be what it failed of.
+        """
         out = self.partial(task)
-        if out.exists() and not resumable:
+        if out.exists() and (not resumable or self.failure(task).exists()):
             shutil.rmtree(out)
+        self.failure(task).unlink(missing_ok=True)
         out.mkdir(parents=True, exist_ok=True)
         return out
 

@@ -5,6 +5,7 @@ task's numbers depend on neither: every stage runs on the same number of threads
 """
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -46,11 +47,21 @@ def workers(engine: Engine) -> int:
 @contextmanager
 def executor(engine: Engine) -> Iterator[Executor]:
     """Start the engine, and stop it afterwards."""
+    # Rerun writes its own log to the terminal; of what is meant to be so, it need not warn.
+    os.environ.setdefault("RUST_LOG", "error")
     if engine.kind == "serial":
         yield SerialExecutor()
         return
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, WorkerPlugin
+
+    class Deaf(WorkerPlugin):
+        """Ctrl-C reaches every process of the terminal; this one alone decides what it means."""
+
+        name = "deaf"
+
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     threads = {name: str(engine.threads) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")}
     settings = {
@@ -61,7 +72,7 @@ def executor(engine: Engine) -> Iterator[Executor]:
         "distributed.scheduler.allowed-failures": 0,
         "distributed.worker.memory.terminate": False,
         "distributed.admin.tick.limit": "1 hour",
-        "logging.distributed": "error",
+        "logging.distributed": "critical",
     }
     with (
         dask.config.set(settings),
@@ -71,9 +82,13 @@ def executor(engine: Engine) -> Iterator[Executor]:
             processes=True,
             dashboard_address=None,
             memory_limit=0,
-            silence_logs="ERROR",
+            silence_logs="CRITICAL",
         ) as cluster,
         Client(cluster) as client,
-        client.get_executor(pure=False, retries=0) as pool,
     ):
-        yield pool
+        client.register_plugin(Deaf())
+        pool = client.get_executor(pure=False, retries=0)
+        try:
+            yield pool
+        finally:  # whatever still runs is of no use now
+            pool.shutdown(wait=False)

@@ -61,5 +61,5 @@ def _describe(holder: Path) -> str:
     try:
         facts = json.loads(holder.read_text())
         return "process {process} on {machine} since {since} ('{command}')".format(**facts)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         return "another run"

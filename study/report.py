@@ -6,7 +6,7 @@ was not run, is missing from the scores and shown as such in the tables.
 
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -19,53 +19,60 @@ from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
 from study.grid import Cell
-from study.pipeline import Pipeline
 from study.recording.files import checksum_path
 
 # A results folder of another format is not touched.
 FORMAT = 1
-PACKAGES = ("torch", "lightning", "mujoco", "rerun-sdk", "optuna", "numpy", "scoringrules")
+PACKAGES = ("torch", "lightning", "mujoco", "rerun-sdk", "optuna", "numpy")
+Records = Mapping[Cell, Task]
 SCORES, CLAIMS, STUDY = "scores.parquet", "claims.json", "study.json"
 
 
-def publish(config: Config, cells: list[Cell], store: Store, out: Path) -> bool:
+def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
     """Bring `out` up to date with the cells' artifacts.
 
     Args:
         config: the study's settings.
-        cells: every cell of the grid; those whose record stage is not complete are left out.
+        records: the last task of every cell of the grid; cells whose last task is not complete are
+            left out.
         store: where the artifacts are.
         out: the results folder.
 
     Returns:
         whether anything had to be written.
     """
-    pipeline = Pipeline(config)
-    complete = {cell: task for cell in cells if _is_complete(store, task := pipeline.record(cell))}
-    changed = False
-    for cell, task in complete.items():
-        changed |= _publish_cell(pipeline, store, cell, task, out)
+    complete = {cell: task for cell, task in records.items() if store.why_not(task) is None}
+    if not complete:
+        return False
+    files = _cell_files(complete, store, out)
+    changed = _remove_others(files, out)
+    # A recording before its checksum: stopped in between, it is taken for damaged, not for good.
+    for target, source in sorted(files.items(), key=lambda pair: len(pair[0].name)):
+        if not same_bytes(source, target):
+            checksum_path(target).unlink(missing_ok=True)
+            copy(source, target)
+            changed = True
     state = _state(config, complete)
-    if changed or not _is_current(out, state):
-        _write_summary(config, pipeline, store, list(complete), out)
-        write_json(out / "work" / "published.json", {"state": state, "files": _files(out)})
+    if changed or _why_not_current(out, state):
+        _write_summary(config, store, complete, out)
+        write_json(_published(out), {"state": state, "files": _summary_files(out)})
         changed = True
     return changed
 
 
-def why_not_published(config: Config, cells: list[Cell], store: Store, out: Path) -> str | None:
-    """Why `publish` would have something to do; None if not."""
-    pipeline = Pipeline(config)
-    complete = {cell: pipeline.record(cell) for cell in cells}
-    try:
-        published = read_json(out / "work" / "published.json")
-    except (OSError, ValueError):
-        return "missing"
-    if published.get("state") != _state(config, complete):
-        return "input changed"
-    for name, expected in published.get("files", {}).items():
-        if not (out / name).is_file() or sha256(out / name) != expected:
-            return f"damaged: {out / name}"
+def why_not_published(
+    config: Config, records: Records, store: Store, out: Path, due: Collection[Task]
+) -> str | None:
+    """Why `publish` would have something to do once the tasks `due` have run; None if not."""
+    complete = {
+        cell: task for cell, task in records.items() if task in due or store.why_not(task) is None
+    }
+    why = _why_not_current(out, _state(config, complete))
+    if why or due:
+        return why or "input changed"
+    for target, source in _cell_files(complete, store, out).items():
+        if not same_bytes(source, target):
+            return f"{'damaged' if target.exists() else 'missing'}: {target}"
     return None
 
 
@@ -76,60 +83,68 @@ def draw(out: Path) -> list[Path]:
     return [path for script in (brier_tables, mmd_curves) for path in script.draw(out)]
 
 
-def _is_complete(store: Store, task: Task) -> bool:
-    return store.why_not(task) is None
+def _published(out: Path) -> Path:
+    """Where the checksums of the summary are kept, and what it was made from."""
+    return out / "work" / "published.json"
 
 
-def _state(config: Config, complete: Mapping[Cell, Task]) -> str:
+def _state(config: Config, complete: Records) -> str:
     """What the summary depends on, in one hash."""
     cells = {cell.name: task.key for cell, task in complete.items()}
     return digest([FORMAT, __version__, _settings(config), cells])
 
 
-def _is_current(out: Path, state: str) -> bool:
+def _why_not_current(out: Path, state: str) -> str | None:
+    """Why the summary has to be written; None if not."""
     try:
-        published = read_json(out / "work" / "published.json")
-        return published["state"] == state and all(
-            (out / name).is_file() and sha256(out / name) == expected
-            for name, expected in published["files"].items()
-        )
-    except (OSError, ValueError, KeyError):
-        return False
+        published = read_json(_published(out))
+        if published["state"] != state:
+            return "input changed"
+        for name, expected in published["files"].items():
+            if not (out / name).is_file() or sha256(out / name) != expected:
+                return f"damaged: {out / name}"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return "missing"
+    return None
 
 
-def _files(out: Path) -> dict[str, str]:
-    """The checksum of every file of the summary (recordings have their own)."""
+def _summary_files(out: Path) -> dict[str, str]:
+    """The checksum of every file of the summary."""
     paths = [out / STUDY, out / SCORES, out / CLAIMS, out / "claims.md"]
     for folder in ("tables", "figures"):
         paths += sorted(path for path in (out / folder).glob("*") if path.is_file())
     return {str(path.relative_to(out)): sha256(path) for path in paths}
 
 
-def _publish_cell(pipeline: Pipeline, store: Store, cell: Cell, task: Task, out: Path) -> bool:
-    """Copy the cell's recordings and weights, where they differ."""
-    sources = {
-        out / "recordings" / cell.name / path.name: path
-        for path in store.folder(task).glob("*.rrd*")
-    }
-    if not cell.is_reference:
-        weights = store.folder(pipeline.train(cell)) / "model.safetensors"
-        sources[out / "weights" / f"{cell.name}.safetensors"] = weights
-    changed = False
-    # A recording before its checksum: interrupted in between, it is taken for damaged, not for good.
-    for target, source in sorted(sources.items(), key=lambda pair: len(pair[0].name)):
-        if not same_bytes(source, target):
-            checksum_path(target).unlink(missing_ok=True)
-            copy(source, target)
-            changed = True
-    return changed
+def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
+    """The cells' recordings and weights: where each is published, and where it comes from."""
+    files = {}
+    for cell, task in complete.items():
+        for path in store.folder(task).glob("*.rrd*"):
+            files[out / "recordings" / cell.name / path.name] = path
+        if "trained" in task.inputs:
+            weights = store.folder(task.inputs["trained"]) / "model.safetensors"
+            files[out / "weights" / f"{cell.name}.safetensors"] = weights
+    return files
 
 
-def _write_summary(
-    config: Config, pipeline: Pipeline, store: Store, complete: list[Cell], out: Path
-) -> None:
+def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
+    """Remove recordings and weights of cells that are no part of these results any more."""
+    others = [
+        path
+        for folder in ("recordings", "weights")
+        for path in (out / folder).rglob("*")
+        if path.is_file() and path not in files
+    ]
+    for path in others:
+        path.unlink()
+    return bool(others)
+
+
+def _write_summary(config: Config, store: Store, complete: Records, out: Path) -> None:
     tables = [
-        pd.read_parquet(store.folder(pipeline.evaluate(cell)) / SCORES).assign(**asdict(cell))
-        for cell in complete
+        pd.read_parquet(store.folder(task.inputs["evaluation"]) / SCORES).assign(**asdict(cell))
+        for cell, task in complete.items()
     ]
     scores = pd.concat(tables, ignore_index=True)
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]

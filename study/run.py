@@ -8,13 +8,14 @@ from pathlib import Path
 from rich.console import Console
 
 from study.arguments import Command, parse
-from study.artifacts import Store
+from study.artifacts import Store, Task
 from study.display import Display
 from study.engine import executor, workers
 from study.errors import BadInput, StudyError, nearest
 from study.files import read_json
 from study.grid import cells, select
 from study.lock import locked
+from study.planned import line_up, record_tasks, remember
 from study.scheduler import run_tasks
 
 # torch, lightning and mujoco take seconds to import: only the commands that need them do.
@@ -55,79 +56,79 @@ def main(arguments: list[str] | None = None) -> int:
 def run_all(command: Command) -> int:
     """Run what is not up to date, then publish."""
     from study import report, summary
-    from study.pipeline import Pipeline, plan
 
-    config, console = command.config, _console()
-    pipeline, store = Pipeline(config), _store(command)
-    every = cells(config)
-    chosen = select(every, command.only)
+    config, console, store = command.config, _console(), _store(command)
+    chosen = select(cells(config), command.only)
     _check_out(command.out)
-    command.out.mkdir(parents=True, exist_ok=True)
+    records = record_tasks(config, store)
+    try:
+        command.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:  # a file system may refuse what permissions allow
+        raise _cannot_write(command.out) from error
     with locked(command.out):
-        tasks = pipeline.tasks(chosen)
+        remember(config, records, store)
+        tasks = line_up(records[cell] for cell in chosen)
         store.forget_progress()
-        due = {task: why for task, why in plan(tasks, store).items() if why is not None}
+        due = {task: why for task in tasks if (why := store.why_not(task)) is not None}
         for task, why in due.items():
             if why.startswith("damaged"):
-                console.print(f"{task.name}: {why}; it is made again", soft_wrap=True)
-        errors = {}
-        if due:
-            side_by_side = min(workers(config.engine), len(due))
-            console.print(
-                f"{len(due)} of {len(tasks)} stages to run for {len(chosen)} cells, "
-                f"{side_by_side} at a time; results in {command.out}",
-                soft_wrap=True,
-            )
-            with (
-                Display(list(due), store, console, side_by_side) as display,
-                executor(config.engine) as pool,
-            ):
-                errors = run_tasks(
-                    list(due),
-                    store,
-                    pool,
-                    side_by_side,
-                    config.engine.threads,
-                    display.started,
-                    display.finished,
-                )
-        changed = report.publish(config, every, store, command.out)
-        if due:
-            summary.write_timings(pipeline, every, store, config, command.out)
+                _say(console, f"{task.name}: {why}; it is made again")
+        errors = _run_due(command, list(due), store, console) if due else {}
+        changed = report.publish(config, records, store, command.out)
+        if due or changed:
+            summary.write_timings(line_up(records.values()), store, config, command.out)
         if not due and not changed:
-            console.print(f"{command.out}: everything is up to date, nothing to run")
-        summary.print_table(console, config, every, store, pipeline, errors, command.out)
+            _say(console, f"{command.out}: everything is up to date, nothing to run")
+        elif not due:
+            _say(console, f"{command.out}: no stage to run, results written again")
+        summary.print_table(console, config, records, store, errors, command.out)
     return 1 if errors else 0
+
+
+def _run_due(command: Command, due: list[Task], store: Store, console: Console) -> dict[Task, str]:
+    engine = command.config.engine
+    side_by_side = min(workers(engine), len(due))
+    stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
+    _say(console, f"{stages} to run, {side_by_side} at a time; results in {command.out}")
+    with (
+        Display(due, store, console, side_by_side) as display,
+        executor(engine) as pool,
+    ):
+        return run_tasks(
+            due, store, pool, side_by_side, engine.threads, display.started, display.finished
+        )
 
 
 def show_plan(command: Command) -> int:
     """What `all` would run, and why."""
     from study import report
-    from study.pipeline import Pipeline, plan
 
     console, store = _console(), _store(command)
     _check_out(command.out)
-    every = cells(command.config)
-    pipeline = Pipeline(command.config)
-    tasks = pipeline.tasks(select(every, command.only))
-    states = plan(tasks, store)
+    chosen = select(cells(command.config), command.only)
+    records = record_tasks(command.config, store)
+    tasks = line_up(records[cell] for cell in chosen)
+    states = {task: store.why_not(task) for task in tasks}
     for task, why in states.items():
-        console.print(f"{task.stage:9} {task.label:36} {why or 'up to date'}", soft_wrap=True)
-    due = sum(why is not None for why in states.values())
-    unpublished = report.why_not_published(command.config, every, store, command.out)
-    publishing = f"results: {unpublished}" if unpublished else "results: up to date"
-    console.print(f"{due} of {len(tasks)} stages to run; {publishing}", soft_wrap=True)
+        _say(console, f"{task.stage:9} {task.label:36} {why or 'up to date'}")
+    due = [task for task, why in states.items() if why is not None]
+    unpublished = report.why_not_published(command.config, records, store, command.out, due)
+    publishing = f"results: {unpublished or 'up to date'}"
+    _say(console, f"{len(due)} of {len(tasks)} stages to run; {publishing}")
     return 0
 
 
 def show_status(command: Command) -> int:
     """What is done, running and failed."""
     from study import summary
-    from study.pipeline import Pipeline
 
+    if not command.out.is_dir():
+        raise BadInput(f"--out: there is no study in {command.out}; python -m study.run all")
+    store = _store(command)
     chosen = select(cells(command.config), command.only)
-    tasks = Pipeline(command.config).tasks(chosen)
-    summary.print_status(_console(), tasks, _store(command), command.out)
+    records = record_tasks(command.config, store)
+    tasks = line_up(records[cell] for cell in chosen)
+    summary.print_status(_console(), tasks, store, command.out)
     return 0
 
 
@@ -164,7 +165,14 @@ def _store(command: Command) -> Store:
 
 
 def _console() -> Console:
-    return Console(highlight=False, markup=False)
+    # Bound to this output: a stage that runs in this process sends its own elsewhere. A file is
+    # as wide as a table needs.
+    width = None if sys.stdout.isatty() else 200
+    return Console(file=sys.stdout, width=width, highlight=False, markup=False)
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, soft_wrap=True)
 
 
 def _import_plugins(command: Command) -> None:
@@ -189,7 +197,7 @@ def _check_out(out: Path) -> None:
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
+        raise _cannot_write(out)
     if (out / STUDY).exists():
         try:
             found = read_json(out / STUDY).get("format")
@@ -200,6 +208,10 @@ def _check_out(out: Path) -> None:
                 f"--out: {out} was made by another version (format {found}, this one writes "
                 f"{FORMAT}); give another --out"
             )
+
+
+def _cannot_write(out: Path) -> BadInput:
+    return BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
 
 
 if __name__ == "__main__":

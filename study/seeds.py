@@ -19,7 +19,7 @@ def derive(*path: str | int) -> int:
 
 def spawn(seed: int, count: int) -> Seeds:
     """`count` seeds [count] from one. The first n of them do not depend on `count`."""
-    return np.random.SeedSequence(seed).generate_state(count, np.uint64)
+    return np.asarray(np.random.SeedSequence(seed).generate_state(count, np.uint64), np.uint64)
 
 
 def torch_seed(seed: int) -> int:

@@ -1,6 +1,7 @@
-"""What the terminal shows of a study as a whole: the final table, the state of its stages, times."""
+"""What the terminal shows of a study as a whole: the final table, the state of its stages."""
 
 import platform
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
@@ -17,32 +19,30 @@ from study.files import read_json, write_json
 from study.grid import Cell
 from study.lock import is_locked
 from study.paper import BRIER
-from study.pipeline import Pipeline
 from study.progress import read_progress
 
 
 def print_table(
     console: Console,
     config: Config,
-    cells: list[Cell],
+    records: Mapping[Cell, Task],
     store: Store,
-    pipeline: Pipeline,
-    errors: dict[Task, str],
+    errors: Mapping[Task, str],
     out: Path,
 ) -> None:
     """One row a cell: β, MMD², Brier score, the oracle's Brier score, the paper's."""
     scores = _overall(out / "scores.parquet")
-    table = Table(title=f"{config.name}: MMD² and Brier scores (lower is better)")
+    title = f"{config.name}: MMD² and Brier scores (lower is better)"
+    table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("cell", no_wrap=True)
     for column in ("β", "MMD²", "Brier", "oracle", "paper"):
-        table.add_column(column, justify="right")
-    for cell in cells:
+        table.add_column(column, justify="right", no_wrap=True)
+    for cell, record in records.items():
         mmd2, brier = (_value(scores, cell, metric) for metric in ("mmd2", "brier"))
         oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
-        failed = pipeline.record(cell) in errors
         table.add_row(
             cell.name,
-            "failed" if failed else _beta(cell, store, pipeline),
+            "failed" if record in errors else _beta(record, store),
             _number(mmd2, 4),
             _number(brier, 3),
             _number(_value(scores, oracle, "brier"), 3),
@@ -64,7 +64,7 @@ def print_table(
 def print_status(console: Console, tasks: list[Task], store: Store, out: Path) -> None:
     """One line a stage: done, running, failed or to do, with its time."""
     busy = is_locked(out)
-    table = Table(title=f"{out}{' (a run is going on)' if busy else ''}")
+    table = Table(title=f"{out}{' (a run is going on)' if busy else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
         table.add_column(column, no_wrap=True)
     table.add_column("seconds", justify="right")
@@ -78,17 +78,13 @@ def print_status(console: Console, tasks: list[Task], store: Store, out: Path) -
     console.print(table)
 
 
-def write_timings(
-    pipeline: Pipeline, cells: list[Cell], store: Store, config: Config, out: Path
-) -> None:
+def write_timings(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
     """``timings.json``: how long each stage took, on what, and how the stages were run.
 
     These differ from run to run, so they are not part of ``study.json``.
     """
     seconds = {
-        task.name: round(timing["seconds"], 3)
-        for task in pipeline.tasks(cells)
-        if (timing := store.timing(task))
+        task.name: round(timing["seconds"], 3) for task in tasks if (timing := store.timing(task))
     }
     write_json(
         out / "timings.json",
@@ -127,11 +123,11 @@ def _value(scores: dict[Any, float], cell: Cell, metric: str) -> float | None:
     return scores.get((cell.environment, cell.level, cell.model, cell.seed, metric))
 
 
-def _beta(cell: Cell, store: Store, pipeline: Pipeline) -> str:
-    if cell.is_reference:
+def _beta(record: Task, store: Store) -> str:
+    if "trained" not in record.inputs:
         return ""
     try:
-        beta = read_json(store.folder(pipeline.train(cell)) / "fit.json")["beta"]
+        beta = read_json(store.folder(record.inputs["trained"]) / "fit.json")["beta"]
     except (OSError, ValueError, KeyError):
         return "–"
     return "" if beta is None else f"{beta:.2g}"

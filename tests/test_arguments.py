@@ -83,7 +83,7 @@ def test_one_line_and_nothing_written(
 def test_bad_files(text: str, expected: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    with pytest.raises(BadInput, match="^[^\n]*$") as error:
+    with pytest.raises(BadInput, match=r"^[^\n]*$") as error:
         parse(["all", "--config", str(path)])
     assert expected in str(error.value)
 

@@ -1,4 +1,4 @@
-"""An environment and a model of one's own: one file, no edit elsewhere (`--plugins '[tests.toys]'`)."""
+"""An environment and a model of one's own, in one file: `--plugins '[tests.toys]'`."""
 
 from typing import Any
 

@@ -121,7 +121,7 @@ class Simulator(ABC):
         """MuJoCo's qpos [..., nq] of states [..., D], for drawing."""
 
     def outcome(self, states: Floats, task: Floats) -> Booleans:
-        """Whether the task succeeds within the horizon: [...] from states [..., T, D], task [..., G].
+        """Whether the task succeeds within the horizon: [...] of states [..., T, D], task [..., G].
 
         `task` broadcasts against the leading axes of `states`. A state that is not finite is never
         close to anything.

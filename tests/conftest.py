@@ -1,0 +1,42 @@
+"""Studies that several tests look at. They change nothing in them, or take a copy."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.running import SMALL, SMOKE, Done, run, study
+
+
+@pytest.fixture(scope="session")
+def smoke(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
+    """The smoke study, as a user runs it."""
+    out = tmp_path_factory.mktemp("smoke") / "results"
+    return out, run("all", *SMOKE, "--out", out)
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small study of the toys, run in this process and never stopped."""
+    out = tmp_path_factory.mktemp("small") / "results"
+    done = study("all", *SMALL, "--out", out)
+    assert done.code == 0, done
+    return out
+
+
+@pytest.fixture
+def copied(small: Path, tmp_path: Path) -> Path:
+    """A copy of the small study, to be damaged."""
+    return Path(shutil.copytree(small, tmp_path / "copied"))
+
+
+@pytest.fixture
+def only(copied: Path) -> Callable[[str], Path]:
+    """The one file of the copied study that matches a pattern."""
+
+    def find(pattern: str) -> Path:
+        (path,) = copied.glob(pattern)
+        return path
+
+    return find

@@ -1,0 +1,164 @@
+"""The whole study at toy size, as a user runs it; then again, and with one setting changed."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from safetensors.numpy import load_file
+
+from study.arguments import parse
+from study.files import read_json
+from study.grid import REFERENCES, Cell, cells
+from study.recording.files import check
+from study.stages.weights import load_model
+from tests.running import SMOKE, Done, files, published, study
+
+GRID = cells(parse(["all", *SMOKE]).config)
+MODELS = [cell for cell in GRID if not cell.is_reference]
+VAES = [cell for cell in GRID if cell.model.endswith("vae")]
+LINE = re.compile(
+    r"64 stages to run, \d+ at a time; results in .*"
+    r"|\[\d+/64\] (collect|ensemble|tune|train|evaluate|record) +\S+  \d+\.\d s"
+    r"|(claims|tables|figures|recordings) +\S+"
+    r"|  … .*"  # a slow machine is heard of every minute
+)
+
+
+def test_it_runs_and_says_so_in_plain_lines(smoke: tuple[Path, Done]) -> None:
+    _, done = smoke
+    assert done.code == 0
+    assert done.err == ""
+    said, table = done.out.split("smoke: MMD²")
+    for line in said.strip().splitlines():
+        assert LINE.fullmatch(line), line
+    for cell in GRID:
+        (row,) = [line for line in table.splitlines() if line.strip().startswith(cell.name)]
+        assert "…" not in row
+        assert "failed" not in row
+    assert "\x1b" not in done.out
+
+
+def test_scores_hold_every_cell(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    scores = pd.read_parquet(out / "scores.parquet")
+    columns = "environment level model seed metric dimension step scenario value"
+    assert list(scores.columns) == columns.split()
+    found = scores[["environment", "level", "model", "seed"]].drop_duplicates()
+    assert {Cell(*row) for row in found.itertuples(index=False)} == set(GRID)
+    whole = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
+    for metric in ("mmd2", "brier"):
+        values = whole[whole.metric == metric].value
+        assert len(values) == len(GRID)
+        assert np.isfinite(values).all()
+    assert whole[whole.metric == "brier"].value.between(0, 1).all()
+    mmd2 = whole[whole.metric == "mmd2"].set_index("model").value
+    # Barely trained models are told from the system; the system is not told from itself.
+    assert mmd2["oracle"].max() < 0.2 < mmd2.drop(list(REFERENCES)).min()
+
+
+def test_the_rest_of_the_results(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    facts = read_json(out / "study.json")
+    assert facts["settings"]["name"] == "smoke"
+    assert facts["cells"] == [cell.name for cell in GRID]
+    assert {"torch", "mujoco", "rerun-sdk", "python"} <= set(facts["versions"])
+    claims = read_json(out / "claims.json")
+    assert claims
+    assert (out / "claims.md").read_text().startswith("#")
+    for environment in ("pusher", "uav"):
+        for suffix in ("md", "tex"):
+            assert "esidual" in (out / f"tables/brier_{environment}.{suffix}").read_text()
+        assert (out / f"figures/mmd_{environment}.png").read_bytes().startswith(b"\x89PNG")
+        assert (out / f"figures/mmd_{environment}.pdf").read_bytes().startswith(b"%PDF")
+    seconds = read_json(out / "timings.json")["seconds"]
+    assert len(seconds) == 64
+    assert min(seconds.values()) > 0
+
+
+@pytest.mark.parametrize("cell", GRID, ids=lambda cell: cell.name)
+def test_recordings_and_weights(smoke: tuple[Path, Done], cell: Cell) -> None:
+    out, _ = smoke
+    kinds = {"forecast", "scores"} | ({"training"} if cell.model != "oracle" else set())
+    kinds |= {"tuning"} if cell in VAES else set()
+    folder = out / "recordings" / cell.name
+    assert {path.stem for path in folder.glob("*.rrd")} == kinds
+    for kind in kinds:
+        check(folder / f"{kind}.rrd")
+    weights = out / "weights" / f"{cell.name}.safetensors"
+    assert weights.exists() == (cell in MODELS)
+    if cell in MODELS:
+        model = load_model(weights)
+        tensors = load_file(weights)
+        size, pushes = len(tensors["state_mean"]), len(tensors["action_mean"])
+        s0, actions = np.zeros((2, size), np.float32), np.zeros((2, 5, pushes), np.float32)
+        forecast = model.forecast(s0, actions, 3, np.arange(2, dtype=np.uint64))
+        assert forecast.shape == (2, 3, 5, size)
+        assert np.isfinite(forecast).all()
+
+
+def test_again_runs_nothing_and_changes_nothing(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    before = files(out)
+    again = study("all", *SMOKE, "--out", out)
+    assert again.code == 0
+    assert again.out.startswith(f"{out}: everything is up to date, nothing to run\n")
+    assert files(out) == before
+
+
+def test_plan_and_status_of_a_finished_study(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    before = files(out)
+    plan = study("plan", *SMOKE, "--out", out)
+    assert plan.due() == {}
+    assert plan.out.endswith("\n0 of 64 stages to run; results: up to date\n")
+    status = study("status", *SMOKE, "--out", out)
+    assert sum(" done " in line for line in status.out.splitlines()) == 64
+    assert files(out) == before
+
+
+def test_another_range_of_beta_runs_only_what_follows(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    before = parse(["all", *SMOKE]).config.tune.beta_high
+    due = study("plan", *SMOKE, "--out", out, "--tune.beta_high", "0.5").due()
+    stages = ("tune", "train", "evaluate", "record")
+    assert set(due) == {f"{stage} {cell.name}" for stage in stages for cell in VAES}
+    for name, why in due.items():
+        expected = f"config changed: tune.beta_high {before} → 0.5"
+        assert why == expected if name.startswith("tune") else why.startswith("input changed: ")
+
+
+def test_a_part_of_the_grid(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    plan = study("plan", *SMOKE, "--out", out, "--only", "uav/high/*", "--vae.latent_size", "3")
+    assert set(plan.due()) == {
+        f"{stage} {cell.name}"
+        for stage in ("tune", "train", "evaluate", "record")
+        for cell in VAES
+        if cell.name.startswith("uav/high/")
+    }
+
+
+def test_figures_again_from_the_results_alone(smoke: tuple[Path, Done], tmp_path: Path) -> None:
+    out, _ = smoke
+    (tmp_path / "scores.parquet").write_bytes((out / "scores.parquet").read_bytes())
+    done = study("figures", *SMOKE, "--out", tmp_path)
+    assert done.code == 0
+    drawn = {Path(line).relative_to(tmp_path) for line in done.out.splitlines()}
+    expected = {Path(name) for name in published(out) if name.startswith(("tables", "figures"))}
+    assert drawn == expected
+    for name in expected:
+        if name.parent.name == "tables":
+            assert (tmp_path / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_the_parquet_file_is_plain(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    schema = pyarrow.parquet.read_schema(out / "scores.parquet")
+    assert {str(schema.field(name).type) for name in ("seed", "step", "scenario")} <= {
+        "int32",
+        "int64",
+    }
+    assert str(schema.field("value").type) == "double"
