@@ -73,7 +73,7 @@ class Ensemble:
 
     members: int = setting(5, low=1)
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(400, low=1)
+    steps: int = setting(300, low=1)
     batch_size: int = setting(64, low=1)
     learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
     taught: float = setting(0.4, low=0.0, high=1.0)
@@ -98,7 +98,7 @@ class Tune:
     trials: int = setting(4, low=1)
     beta_low: float = setting(0.1, low=1e-12)
     beta_high: float = setting(30.0, low=1e-12)
-    steps: int = setting(120, low=1)
+    steps: int = setting(100, low=1)
     reports: int = setting(3, low=1)
     validation: int = setting(64, low=2)
     samples: int = setting(16, low=2)
@@ -155,7 +155,7 @@ class Train:
         accelerator: Lightning's: `auto` takes a GPU where there is one.
     """
 
-    steps: int = setting(450, low=1)
+    steps: int = setting(400, low=1)
     batch_size: int = setting(64, low=1)
     learning_rate: float = setting(4e-3, low=1e-8, high=1.0)
     validate_every: int = setting(50, low=1)

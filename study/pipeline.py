@@ -1,4 +1,4 @@
-"""Which stages a cell needs, what each one depends on, and which of them have to run.
+"""Which stages a cell needs, and what each one depends on.
 
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
 
@@ -6,11 +6,10 @@ A task depends on the settings that it is given here and on the tasks before it,
 else; what several cells share (data, an ensemble) is one task.
 """
 
-from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from study.artifacts import Store, Task
+from study.artifacts import Task
 from study.config import Config
 from study.envs import simulators
 from study.grid import Cell
@@ -103,19 +102,6 @@ class Pipeline:
                 inputs["tuning"] = self.tune(cell)
         return self._task("record", cell.name, asdict(cell), **inputs)
 
-    def tasks(self, cells: Iterable[Cell]) -> list[Task]:
-        """Everything that these cells need, each once, a task after all that it reads."""
-        ordered: dict[Task, None] = {}
-
-        def visit(task: Task) -> None:
-            for source in task.inputs.values():
-                visit(source)
-            ordered.setdefault(task)
-
-        for cell in cells:
-            visit(self.record(cell))
-        return list(ordered)
-
     def _training_set(self, cell: Cell) -> dict[str, Any]:
         """Which trajectories: all, or (level high) the seed's own tenth of them."""
         collect = self.config.collect
@@ -143,8 +129,3 @@ class Pipeline:
     def _task(self, stage: str, label: str, settings: dict[str, Any], **inputs: Task) -> Task:
         settings = settings | {"stage_version": STAGE_VERSIONS[stage]}
         return Task(stage, label, settings, inputs, self.config.plugins)
-
-
-def plan(tasks: Iterable[Task], store: Store) -> dict[Task, str | None]:
-    """For each task, why it has to run; None where it is up to date."""
-    return {task: store.why_not(task) for task in tasks}

@@ -4,6 +4,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
@@ -13,16 +14,17 @@ from study.models.recurrence import feedback_gru, gru
 class StackedLinear(nn.Module):
     """M linear maps side by side: [..., M, B, I] → [..., M, B, O]."""
 
-    def __init__(self, members: int, inputs: int, outputs: int) -> None:
+    def __init__(self, members: int, inputs: int, outputs: int, bias: bool = True) -> None:
         super().__init__()
         # Each member is initialised as torch.nn.Linear would be, from draws of its own.
         bound = inputs**-0.5
         self.weight = nn.Parameter(torch.empty(members, inputs, outputs).uniform_(-bound, bound))
-        self.bias = nn.Parameter(torch.zeros(members, 1, outputs))
+        self.bias = nn.Parameter(torch.zeros(members, 1, outputs), requires_grad=bias)
 
     def forward(self, values: Tensor) -> Tensor:
         """See the class."""
-        return values @ self.weight + self.bias
+        product = values @ self.weight
+        return product + self.bias if self.bias.requires_grad else product
 
 
 class Members(nn.Module):
@@ -47,8 +49,9 @@ class Members(nn.Module):
         state_size = len(change_scale)
         self.register_buffer("change_scale", change_scale.clone())
         self.start = StackedLinear(members, state_size, hidden_size)
-        self.driven = StackedLinear(members, action_size, 3 * hidden_size)
-        self.feed = StackedLinear(members, state_size, 3 * hidden_size)
+        # One input more, always 1: as the weight of a constant the offset costs no sum over steps.
+        self.driven = StackedLinear(members, action_size + 1, 3 * hidden_size, bias=False)
+        self.feed = StackedLinear(members, state_size, 3 * hidden_size, bias=False)
         self.recurrent = StackedLinear(members, hidden_size, 3 * hidden_size)
         self.out = StackedLinear(members, hidden_size, state_size)
 
@@ -57,7 +60,8 @@ class Members(nn.Module):
 
         With `truth` s_{0:T-1} [M, B, T, D] each step begins at the true state: teacher forcing.
         """
-        driven = self.driven(torch.movedim(actions, 2, 0)) + self.feed.bias  # time first
+        steps = functional.pad(torch.movedim(actions, 2, 0), (0, 1), value=1.0)  # time first
+        driven = self.driven(steps)
         out, drift = self.out.weight * self.change_scale, self.out.bias * self.change_scale
         hidden, recurrent = torch.tanh(self.start(s0)), self.recurrent
         if truth is None:
@@ -66,7 +70,7 @@ class Members(nn.Module):
             _, states = feedback_gru(driven, steady, hidden, s0, weight, bias, feed, out, 1.0)
             return torch.movedim(states, 0, 2)
         before = torch.movedim(truth, 2, 0)
-        driven = driven + before @ self.feed.weight
+        driven = driven + self.feed(before)
         change = gru(driven, hidden, recurrent.weight, recurrent.bias) @ out + drift
         return torch.movedim(before + change, 0, 2)
 

@@ -54,7 +54,8 @@ def feedback_gru(
 def gru(driven: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """h_1 … h_T [T, ..., B, H] of the same unit without a state: see `feedback_gru`."""
     nothing = driven.new_empty(*hidden.shape[:-1], 0)
-    feed, out = weight.new_empty(0, weight.shape[-1]), weight.new_empty(weight.shape[-2], 0)
+    *members, size, gates = weight.shape
+    feed, out = weight.new_empty(*members, 0, gates), weight.new_empty(*members, size, 0)
     drift = driven.new_empty(len(driven), *nothing.shape)
     return feedback_gru(driven, drift, hidden, nothing, weight, bias, feed, out, 0.0)[0]
 
@@ -76,74 +77,83 @@ class _FeedbackGru(torch.autograd.Function):
         keep: float,
     ) -> tuple[Tensor, Tensor]:
         steps, size = len(driven), hidden.shape[-1]
-        # Without a derivative to come, one step's memory serves for all.
-        memory = steps if any(ctx.needs_input_grad) else 1
         hiddens = driven.new_empty(steps + 1, *hidden.shape)
         states = driven.new_empty(steps + 1, *state.shape)
         hiddens[0], states[0] = hidden, state
-        gates = driven.new_empty(memory, *hidden.shape[:-1], 2 * size)  # r and u
-        candidates, recurrents = driven.new_empty(2, memory, *hidden.shape)  # n, and its part of g
-        for step in range(steps):
-            inputs = torch.matmul(states[step], feed).add_(driven[step])
-            given = torch.matmul(hiddens[step], weight).add_(bias)
-            kept = step % memory
-            gate, candidate, recurrent = gates[kept], candidates[kept], recurrents[kept]
-            torch.add(inputs[..., : 2 * size], given[..., : 2 * size], out=gate)
-            gate.sigmoid_()
-            recurrent.copy_(given[..., 2 * size :])
-            torch.addcmul(inputs[..., 2 * size :], gate[..., :size], recurrent, out=candidate)
-            candidate.tanh_()
-            torch.lerp(candidate, hiddens[step], gate[..., size:], out=hiddens[step + 1])
-            torch.matmul(hiddens[step + 1], out, out=states[step + 1])
-            states[step + 1].add_(drift[step]).add_(states[step], alpha=keep)
-        ctx.save_for_backward(hiddens, states, gates, candidates, recurrents, weight, feed, out)
+        # Without a derivative to come, one step's memory serves for all.
+        kept = steps if any(ctx.needs_input_grad) else 1
+        resets, updates, candidates, recurrents = driven.new_empty(4, kept, *hidden.shape)
+        # A product of small matrices is twice as fast when the second one lies column by column.
+        weight = weight.transpose(-1, -2).contiguous().transpose(-1, -2)
+        xs, feeds_back, both = driven.unbind(0), state.shape[-1] > 0, 2 * size
+        for t in range(steps):
+            g = torch.matmul(hiddens[t], weight).add_(bias)
+            x = torch.matmul(states[t], feed).add_(xs[t]) if feeds_back else xs[t]
+            reset, update = torch.add(x[..., :both], g[..., :both]).sigmoid_().chunk(2, dim=-1)
+            recurrent, candidate = recurrents[t % kept], candidates[t % kept]
+            recurrent.copy_(g[..., both:])
+            resets[t % kept], updates[t % kept] = reset, update
+            torch.addcmul(x[..., both:], reset, recurrent, out=candidate).tanh_()
+            torch.lerp(candidate, hiddens[t], update, out=hiddens[t + 1])
+            if feeds_back:
+                torch.matmul(hiddens[t + 1], out, out=states[t + 1])
+                states[t + 1].add_(drift[t]).add_(states[t], alpha=keep)
+        saved = (hiddens, states, resets, updates, candidates, recurrents, weight, feed, out)
+        ctx.save_for_backward(*saved)
         ctx.keep, ctx.bias_shape = keep, bias.shape
         ctx.set_materialize_grads(False)
         return hiddens[1:], states[1:]
 
     @staticmethod
     def backward(ctx: Any, *given: Tensor | None) -> tuple[Tensor | None, ...]:
-        hiddens, states, gates, candidates, recurrents, weight, feed, out = ctx.saved_tensors
-        of_hiddens, of_states = given
-        size = hiddens.shape[-1]
-        reset, update = gates.chunk(2, dim=-1)
+        hiddens, states, resets, updates, candidates, recurrents, weight, feed, out = (
+            ctx.saved_tensors
+        )
+        size, feeds_back = hiddens.shape[-1], states.shape[-1] > 0
+        of_hiddens, of_states = (() if x is None else x.unbind(0) for x in given)
         # All that needs no carry from the later steps, for the whole sequence at once.
-        of_candidate = (1 - candidates.square()) * (1 - update)
-        of_update = update * (1 - update) * (hiddens[:-1] - candidates)
-        of_reset = reset * (1 - reset) * recurrents
-        d_inputs = gates.new_empty(*gates.shape[:-1], 3 * size)
-        d_given, d_drift = torch.empty_like(d_inputs), torch.empty_like(states[1:])
-        weight_t, feed_t, out_t = (tensor.transpose(-1, -2) for tensor in (weight, feed, out))
+        of_n = ((1 - candidates.square()) * (1 - updates)).unbind(0)
+        of_u = (updates * (1 - updates) * (hiddens[:-1] - candidates)).unbind(0)
+        of_r = (resets * (1 - resets) * recurrents).unbind(0)
+        d_driven = hiddens.new_empty(len(of_n), *hiddens.shape[1:-1], 3 * size)
+        d_given, d_drift = torch.empty_like(d_driven), torch.empty_like(states[1:])
+        r_x, u_x, n_x = (part.unbind(0) for part in d_driven.chunk(3, dim=-1))
+        n_g = d_given[..., 2 * size :].unbind(0)
+        weight_t, feed_t, out_t = (x.transpose(-1, -2).contiguous() for x in (weight, feed, out))
         d_hidden, d_state = torch.zeros_like(hiddens[0]), torch.zeros_like(states[0])
-        for step in range(len(gates) - 1, -1, -1):
-            if of_states is not None:
-                d_state = d_state + of_states[step]
-            if of_hiddens is not None:
-                d_hidden = d_hidden + of_hiddens[step]
-            d_drift[step] = d_state
-            d_hidden = d_hidden + torch.matmul(d_state, out_t)
-            d_x, d_g = d_inputs[step], d_given[step]
-            d_n = torch.mul(d_hidden, of_candidate[step], out=d_x[..., 2 * size :])
-            torch.mul(d_hidden, of_update[step], out=d_x[..., size : 2 * size])
-            torch.mul(d_n, of_reset[step], out=d_x[..., :size])
-            d_g[..., : 2 * size] = d_x[..., : 2 * size]
-            torch.mul(d_n, reset[step], out=d_g[..., 2 * size :])
-            d_hidden = torch.matmul(d_g, weight_t).addcmul_(d_hidden, update[step])
-            d_state = torch.matmul(d_x, feed_t).add_(d_state, alpha=ctx.keep)
+        for t in range(len(of_n) - 1, -1, -1):
+            if of_hiddens:
+                d_hidden = d_hidden + of_hiddens[t]
+            if feeds_back:
+                d_state = d_state + of_states[t] if of_states else d_state
+                d_drift[t] = d_state
+                d_hidden = torch.matmul(d_state, out_t).add_(d_hidden)
+            torch.mul(d_hidden, of_n[t], out=n_x[t])
+            torch.mul(d_hidden, of_u[t], out=u_x[t])
+            torch.mul(n_x[t], of_r[t], out=r_x[t])
+            torch.mul(n_x[t], resets[t], out=n_g[t])
+            d_given[t, ..., : 2 * size] = d_driven[t, ..., : 2 * size]
+            d_hidden = torch.matmul(d_given[t], weight_t).addcmul_(d_hidden, updates[t])
+            if feeds_back:
+                d_state = torch.matmul(d_driven[t], feed_t).add_(d_state, alpha=ctx.keep)
+        of_weight, of_bias = _over_steps(hiddens[:-1], d_given)
         return (
-            d_inputs,
+            d_driven,
             d_drift,
             d_hidden,
             d_state,
-            _product_over_steps(hiddens[:-1], d_given),
-            d_given.sum(0).sum_to_size(ctx.bias_shape),
-            _product_over_steps(states[:-1], d_inputs).sum_to_size(feed.shape),
-            _product_over_steps(hiddens[1:], d_drift).sum_to_size(out.shape),
+            of_weight,
+            of_bias.sum_to_size(ctx.bias_shape),
+            _over_steps(states[:-1], d_driven)[0] if feeds_back else torch.zeros_like(feed),
+            _over_steps(hiddens[1:], d_drift)[0] if feeds_back else torch.zeros_like(out),
             None,
         )
 
 
-def _product_over_steps(left: Tensor, right: Tensor) -> Tensor:
-    """Σ_{t, b} left ⊗ right: [..., I, O] from [T, ..., B, I] and [T, ..., B, O]."""
+def _over_steps(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
+    """Σ_{t, b} left ⊗ right [..., I, O] and Σ_{t, b} right [..., 1, O].
+
+    Of [T, ..., B, I] and [T, ..., B, O].
+    """
     left, right = (torch.movedim(x, 0, -3).flatten(-3, -2) for x in (left, right))
-    return torch.matmul(left.transpose(-1, -2), right)
+    return torch.matmul(left.transpose(-1, -2), right), right.sum(-2, keepdim=True)
