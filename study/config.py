@@ -49,7 +49,7 @@ class Collect:
 
     trajectories: int = setting(3000, low=2)
     reduction: int = setting(10, low=1)
-    validation: int = setting(256, low=2)
+    validation: int = setting(128, low=2)
     scenarios: int = setting(250, low=2)
     rollouts: int = setting(40, low=2)
     horizon: int | None = setting(None, low=2)

@@ -93,4 +93,4 @@ class Drift(Model):
         return loss
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        return s0[:, None] + torch.cumsum(self.change + self.spread * noise, dim=1)
+        return s0[:, None, None] + torch.cumsum(self.change + self.spread * noise, dim=2)

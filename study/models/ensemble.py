@@ -103,9 +103,9 @@ class Ensemble(Model):
         return torch.movedim(everyone, 0, 1)
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: row r is the forecast of member[r]."""
-        # The K samples of a scenario share s_0 and actions: forecast each scenario once.
-        return self(s0, actions)[torch.arange(len(member), device=s0.device), member]
+        """See `Model.sample`: sample k of a scenario is the forecast of member[k]."""
+        scenarios = torch.arange(len(s0), device=s0.device)[:, None]
+        return self(s0, actions)[scenarios, member]
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """−log p_θ of each member under a Gaussian of fixed scale: the squared error.

@@ -80,13 +80,13 @@ class Model(L.LightningModule):
         """Forecasts in standard units.
 
         Args:
-            s0: [R, D].
-            actions: [R, T, A].
-            noise: [R, T, `noise_size`], standard normal.
-            member: [R] integers, the ensemble member of each row (where there is an ensemble).
+            s0: [S, D].
+            actions: [S, T, A].
+            noise: [S, K, T, `noise_size`], standard normal.
+            member: [S, K] integers, the ensemble member of each sample (where there is one).
 
         Returns:
-            [R, T, D]
+            [S, K, T, D]
         """
 
     def members_count(self) -> int:
@@ -106,13 +106,13 @@ class Model(L.LightningModule):
             noise = draw_noise(seeds[chunk], samples, actions.shape[1], self.noise_size)
             member = draw_members(seeds[chunk], samples, self.members_count())
             forecasts = self.sample(
-                standard_s0[chunk].repeat_interleave(samples, dim=0),
-                standard_actions[chunk].repeat_interleave(samples, dim=0),
-                torch.from_numpy(noise).flatten(0, 1).to(self.device),
-                torch.from_numpy(member).flatten().to(self.device),
+                standard_s0[chunk],
+                standard_actions[chunk],
+                torch.from_numpy(noise).to(self.device),
+                torch.from_numpy(member).to(self.device),
             )
             forecasts = forecasts.float() * self.state_scale + self.state_mean
-            parts.append(forecasts.unflatten(0, (-1, samples)).cpu().numpy())
+            parts.append(forecasts.cpu().numpy())
         return np.concatenate(parts)
 
     def standard(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
@@ -137,6 +137,11 @@ class Model(L.LightningModule):
         train = self.settings["train"]
         wanted = [p for p in self.parameters() if p.requires_grad]
         return adam(wanted, train["learning_rate"], train["steps"])
+
+
+def each_sample(values: Tensor, samples: int) -> Tensor:
+    """Rows [S·K, ...] from [S, ...]: what all K samples of a scenario share."""
+    return values.repeat_interleave(samples, dim=0)
 
 
 def adam(parameters: Any, learning_rate: float, steps: int) -> Any:

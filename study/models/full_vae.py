@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from study.data.scaling import Scaling
-from study.models.forecaster import models
+from study.models.forecaster import each_sample, models
 from study.models.vae import Vae
 
 
@@ -25,5 +25,6 @@ class FullVae(Vae):
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
     ) -> tuple[Tensor, Tensor]:
         """See `Vae.conditions`: b = 0; the decoder sees the actions."""
-        batch, horizon, _ = actions.shape
-        return torch.zeros(batch, horizon + 1, self.state_size, device=s0.device), actions
+        condition = each_sample(actions, member.shape[1])
+        rows, horizon, _ = condition.shape
+        return torch.zeros(rows, horizon + 1, self.state_size, device=s0.device), condition

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from study.data.scaling import Scaling
-from study.models.forecaster import Model, models
+from study.models.forecaster import Model, each_sample, models
 
 
 @models.register("probabilistic_mlp")
@@ -59,10 +59,12 @@ class ProbabilisticMlp(Model):
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: ancestral sampling, one step at a time."""
-        state, states = s0, []
-        for action, draw in zip(actions.unbind(1), noise.unbind(1), strict=True):
+        samples = member.shape[1]
+        state, states = each_sample(s0, samples), []
+        controls = each_sample(actions, samples).unbind(1)
+        for action, draw in zip(controls, noise.flatten(0, 1).unbind(1), strict=True):
             mean, log_variance = self(state, action)
             change = mean + torch.exp(0.5 * log_variance) * draw
             state = state + change * self.change_scale
             states.append(state)
-        return torch.stack(states, dim=1)
+        return torch.stack(states, dim=1).unflatten(0, (-1, samples))

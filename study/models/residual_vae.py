@@ -7,7 +7,7 @@ from torch import Tensor
 
 from study.data.scaling import Scaling
 from study.models.ensemble import Ensemble
-from study.models.forecaster import models
+from study.models.forecaster import each_sample, models
 from study.models.vae import Vae
 
 
@@ -39,8 +39,9 @@ class ResidualVae(Vae):
         """See `Vae.conditions`: b = ŷ_m; the decoder sees the actions and ŝ^m_{t+1} (Figure 2)."""
         if members is None:
             with torch.no_grad():
-                forecast = self.ensemble.sample(s0, actions, s0, member)
-        else:
-            forecast = members[torch.arange(len(member), device=s0.device), member]
-        baseline = torch.cat([s0[:, None], forecast], dim=1)
-        return baseline, torch.cat([actions, forecast], dim=-1)
+                members = self.ensemble(s0, actions)
+        scenarios = torch.arange(len(s0), device=s0.device)[:, None]
+        forecast = members[scenarios, member].flatten(0, 1)
+        samples = member.shape[1]
+        baseline = torch.cat([each_sample(s0, samples)[:, None], forecast], dim=1)
+        return baseline, torch.cat([each_sample(actions, samples), forecast], dim=-1)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from study.data.scaling import Scaling
 from study.models.cvae import RecurrentCvae
-from study.models.forecaster import Model
+from study.models.forecaster import Model, each_sample
 
 # With feeding `schedule`, this share of the steps is taught with the true states.
 TAUGHT = 0.3
@@ -53,13 +53,13 @@ class Vae(Model):
     def conditions(
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """The baseline b_{0:T} [B, T+1, D] and the decoder's condition [B, T, C].
+        """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
 
         Args:
-            s0: [B, D].
-            actions: [B, T, A].
-            member: m [B].
-            members: [B, M, T, D], the ensemble's forecasts where they are at hand.
+            s0: [S, D].
+            actions: [S, T, A].
+            member: m [S, K].
+            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
         """
 
     def draw_training_members(self, count: int, device: torch.device) -> Tensor:
@@ -78,7 +78,7 @@ class Vae(Model):
         states, actions = batch["states"], batch["actions"]
         s0, truth = states[:, 0], states[:, 1:]
         member = self.draw_training_members(len(s0), s0.device)
-        baseline, condition = self.conditions(s0, actions, member, batch.get("members"))
+        baseline, condition = self.conditions(s0, actions, member[:, None], batch.get("members"))
         target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
@@ -96,5 +96,8 @@ class Vae(Model):
 
         A forecast state is the mean of p_θ(s_{t+1} | ·): its noise is the latent variables'.
         """
+        samples = member.shape[1]
         baseline, condition = self.conditions(s0, actions, member, None)
-        return self.cvae.decode(s0, baseline, condition, noise)
+        start = each_sample(s0, samples)
+        forecasts = self.cvae.decode(start, baseline, condition, noise.flatten(0, 1))
+        return forecasts.unflatten(0, (-1, samples))

@@ -87,7 +87,7 @@ def fit(
     )
     trainer.fit(model, data)
     if patience and best.best_model_path:
-        model.load_state_dict(torch.load(best.best_model_path)["state_dict"])
+        model.load_state_dict(torch.load(best.best_model_path, map_location="cpu")["state_dict"])
     shutil.rmtree(kept, ignore_errors=True)
     (out / "hparams.yaml").unlink(missing_ok=True)
     model.eval()

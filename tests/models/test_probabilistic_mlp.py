@@ -31,12 +31,12 @@ def test_the_next_state_is_sampled_and_fed_back() -> None:
     network = mlp()
     torch.manual_seed(0)
     s0, actions = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
-    noise = torch.randn(2, HORIZON, STATE)
-    states = network.sample(s0, actions, noise, torch.zeros(2, dtype=torch.int64))
+    noise = torch.randn(2, 1, HORIZON, STATE)
+    states = network.sample(s0, actions, noise, torch.zeros(2, 1, dtype=torch.int64))[:, 0]
     before = s0
     for step in range(HORIZON):
         mean, log_variance = network(before, actions[:, step])
-        change = mean + torch.exp(0.5 * log_variance) * noise[:, step]
+        change = mean + torch.exp(0.5 * log_variance) * noise[:, 0, step]
         torch.testing.assert_close(states[:, step], before + change * network.change_scale)
         before = states[:, step]
 

@@ -45,23 +45,24 @@ def test_the_target_is_the_residual_to_the_drawn_member() -> None:
     states, actions = data["states"], data["actions"]
     members = vae.ensemble(states[:, 0], actions)
     drawn = torch.tensor([0, 1, 2, 0, 1, 2, 0, 1])
-    baseline, condition = vae.conditions(states[:, 0], actions, drawn, members)
+    baseline, condition = vae.conditions(states[:, 0], actions, drawn[:, None], members)
     torch.testing.assert_close(baseline[:, 1:], members[torch.arange(8), drawn])
     torch.testing.assert_close(baseline[:, 0], states[:, 0])
     torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
-    computed, _ = vae.conditions(states[:, 0], actions, drawn, None)
+    computed, _ = vae.conditions(states[:, 0], actions, drawn[:, None], None)
     torch.testing.assert_close(computed, baseline)
     vae.cvae.out.weight.data.zero_()
     vae.cvae.out.bias.data.zero_()
-    forecast = vae.sample(states[:, 0], actions, torch.zeros(8, HORIZON, 4), drawn)
-    torch.testing.assert_close(forecast, baseline[:, 1:])  # ε̂ = 0
+    noise = torch.zeros(8, 1, HORIZON, 4)
+    forecast = vae.sample(states[:, 0], actions, noise, drawn[:, None])
+    torch.testing.assert_close(forecast[:, 0], baseline[:, 1:])  # ε̂ = 0
 
 
 def test_full_vae_has_nothing_to_add_to() -> None:
     vae = model("full_vae")
     assert isinstance(vae, Vae)
     data = batch()
-    drawn = torch.zeros(8, dtype=torch.int64)
+    drawn = torch.zeros(8, 1, dtype=torch.int64)
     baseline, condition = vae.conditions(data["states"][:, 0], data["actions"], drawn, None)
     assert (baseline == 0).all()
     torch.testing.assert_close(condition, data["actions"])
