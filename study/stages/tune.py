@@ -36,7 +36,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     study = optuna.create_study(
         study_name=f"beta of {settings['model']}",
         storage=JournalStorage(JournalFileBackend(str(out / "journal.log"))),
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=2, n_warmup_steps=0),
+        # The first half of a trial is mostly taught transitions: it says little of β.
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=2, n_warmup_steps=tune["steps"] // 2),
         load_if_exists=True,
     )
     for stopped in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
