@@ -48,9 +48,9 @@ class Model(L.LightningModule):
     Args:
         scaling: standard units, kept with the weights.
         settings: the sections of the configuration that the class names in `sections`.
-        horizon: T.
-        beta: weight of the KL term, for a class with `tunes_beta`.
-        ensemble: the fitted ensemble, for a class with `uses_ensemble`.
+
+    A class with `tunes_beta` is given `beta` as well, the weight of the KL term, and one with
+    `uses_ensemble` the fitted `ensemble`.
     """
 
     # Part of every artifact's key: raise it whenever what is learned from the same data changes.

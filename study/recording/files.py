@@ -1,6 +1,5 @@
 """Recordings that are whole or not there: written beside their place, moved when complete."""
 
-import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +7,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from study.errors import StudyError
+from study.files import sha256
 
 
 def checksum_path(path: Path) -> Path:
@@ -27,7 +27,7 @@ def complete(temporary: Path, path: Path) -> None:
     calls it damaged and it is made again, which costs time but never trust.
     """
     checksum = temporary.with_name(f"{temporary.name}.sha256")
-    checksum.write_text(f"{_sha256(temporary)}  {path.name}\n", encoding="utf-8")
+    checksum.write_text(f"{sha256(temporary)}  {path.name}\n", encoding="utf-8")
     for file in (temporary, checksum):
         with file.open("rb") as opened:
             os.fsync(opened.fileno())
@@ -66,10 +66,5 @@ def check(path: Path) -> None:
         raise StudyError(f"recording {path} has no checksum: {checksum.name} is missing") from None
     except (IndexError, UnicodeDecodeError):
         raise StudyError(f"recording {path} has no checksum: {checksum.name} is damaged") from None
-    if _sha256(path) != expected:
+    if sha256(path) != expected:
         raise StudyError(f"recording {path} is damaged: its bytes do not match {checksum.name}")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
