@@ -25,6 +25,24 @@ COMMANDS = {
     "status": "say what is done, running or failed, with times",
     "figures": "draw tables and figures again from the results alone",
     "view": "open a cell's recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
+    "portrait": "write a page with pictures of an environment, and of how hard its scenarios are",
+    "export": "write training data as a Minari data set, to share: export pusher",
+}
+
+# What a command takes that the others do not: an argument, then flags.
+OWN: dict[str, dict[str, dict[str, Any]]] = {
+    "view": {
+        "cell": {"help": "such as pusher/low/residual_vae/seed-0"},
+        "--kind": {"default": "forecast", "help": "forecast, scores, training, tuning"},
+    },
+    "portrait": {
+        "environment": {"nargs": "?", "help": "such as pusher; all of the grid by default"},
+        "--to": {"help": "folder of the page; OUT/environments by default"},
+    },
+    "export": {
+        "environment": {"help": "such as pusher"},
+        "--to": {"help": "folder of Minari data sets; Minari's own by default"},
+    },
 }
 
 HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
@@ -35,6 +53,7 @@ HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.
   --out DIR          where results go; results/NAME if not given
   --only PATTERN     some cells only: 'pusher/high/*', '*/residual_vae/*'
   --kind KIND        view: which recording, forecast (default), scores, training or tuning
+  --to DIR           portrait: folder of the page; export: folder of Minari data sets
 
 examples
   python -m study.run all
@@ -55,6 +74,8 @@ class Command:
     only: str | None = None
     cell: str | None = None
     kind: str = "forecast"
+    environment: str | None = None
+    to: str | None = None
 
 
 def usage() -> str:
@@ -91,17 +112,16 @@ def parse(arguments: list[str]) -> Command:
     config, namespace = _read(parser, rest)
     check(config)
     out = Path(namespace.out) if namespace.out else Path("results") / config.name
-    extra = {"cell": namespace.cell, "kind": namespace.kind} if command == "view" else {}
-    return Command(command, config, out, namespace.only, **extra)
+    own = {name: getattr(namespace, name) for name in (n.strip("-") for n in OWN.get(command, ()))}
+    return Command(command, config, out, namespace.only, **own)
 
 
 def _parser(command: str) -> ArgumentParser:
     parser = ArgumentParser(
         prog=f"python -m study.run {command}", description=COMMANDS[command], exit_on_error=False
     )
-    if command == "view":
-        parser.add_argument("cell", help="such as pusher/low/residual_vae/seed-0")
-        parser.add_argument("--kind", default="forecast", help="forecast, scores, training, tuning")
+    for name, meaning in OWN.get(command, {}).items():
+        parser.add_argument(name, **meaning)
     parser.add_argument(
         "--config", action="config", help="YAML file; configs/quick.yaml by default"
     )
@@ -156,8 +176,7 @@ def _spell(annotation: Any) -> str:
 def _check_flags(command: str, arguments: list[str]) -> None:
     """Every flag is one that the command knows, and stands before a value."""
     known = ["--config", "--out", "--only", "--help", *(f"--{key}" for key in keys())]
-    if command == "view":
-        known.append("--kind")
+    known += OWN.get(command, ())
     for position, argument in enumerate(arguments):
         flag, has_value, _ = argument.partition("=")
         if not flag.startswith("--"):

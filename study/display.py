@@ -6,10 +6,18 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from study.artifacts import Store, Task
 from study.execute import Outcome
+from study.progress import Progress as Told
 from study.progress import read_progress
 
 # Rough shares of a study's time, for the estimate before a stage of the kind has ended.
@@ -131,3 +139,27 @@ def _words(seconds: float) -> str:
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+class Bar(Told):
+    """How far one thing is that runs in this process: a bar in a terminal, nothing elsewhere.
+
+    Args:
+        console: where to write.
+    """
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30))
+        self._live = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
+        self._task = self._live.add_task("", total=1.0)
+
+    def __enter__(self) -> "Bar":
+        self._live.start()
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._live.stop()
+
+    def _tell(self, fraction: float, message: str) -> None:
+        self._live.update(self._task, completed=fraction, description=message)

@@ -2,6 +2,7 @@
 
 import json
 import time
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +21,24 @@ class Progress:
 
     def __call__(self, fraction: float, message: str = "") -> None:
         now = time.monotonic()
-        if self.path is None or (now - self._last < 0.25 and fraction < 1):
+        if now - self._last < 0.25 and fraction < 1:
             return
         self._last = now
-        state = {"fraction": self.start + self.share * min(fraction, 1.0), "message": message}
-        temporary = self.path.with_suffix(".new")
-        temporary.write_text(json.dumps(state))
-        temporary.replace(self.path)
+        self._tell(self.start + self.share * min(fraction, 1.0), message)
 
     def part(self, start: float, end: float) -> "Progress":
         """The progress of a part that lasts from `start` to `end` of the whole."""
-        return Progress(self.path, self.start + self.share * start, self.share * (end - start))
+        part = copy(self)
+        part.start, part.share = self.start + self.share * start, self.share * (end - start)
+        return part
+
+    def _tell(self, fraction: float, message: str) -> None:
+        if self.path is None:
+            return
+        state = {"fraction": fraction, "message": message}
+        temporary = self.path.with_suffix(".new")
+        temporary.write_text(json.dumps(state))
+        temporary.replace(self.path)
 
 
 def read_progress(path: Path) -> dict[str, Any]:

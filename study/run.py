@@ -38,6 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
             "status": show_status,
             "figures": draw_figures,
             "view": view,
+            "portrait": portrait,
+            "export": export,
         }[command.command](command)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -157,6 +159,39 @@ def view(command: Command) -> int:
         hint = f"--kind: {', '.join(there)}" if there else "python -m study.run all"
         raise StudyError(f"there is no recording {path}; there is {hint}")
     open_viewer([path])
+    return 0
+
+
+def portrait(command: Command) -> int:
+    """Write a page about the environments."""
+    from study.display import Bar
+    from study.envs import simulators
+    from study.portrait.readme import write
+
+    names = [command.environment] if command.environment else list(command.config.grid.environments)
+    for name in names:
+        simulators[name]
+    folder = Path(command.to) if command.to else command.out / "environments"
+    with Bar(_console()) as bar:
+        written = write(command.config.collect, names, folder, bar)
+    print(*written, sep="\n")
+    return 0
+
+
+def export(command: Command) -> int:
+    """Write an environment's training trajectories as a Minari data set."""
+    from study.display import Bar
+    from study.export import prepare
+
+    planned = prepare(
+        command.config, str(command.environment), Path(command.to) if command.to else None
+    )
+    count = command.config.collect.trajectories
+    print(f"{count} trajectories are simulated and written to {planned.folder}", flush=True)
+    with Bar(_console()) as bar:
+        planned.write(bar)
+    place = f", with MINARI_DATASETS_PATH={planned.root}" if command.to else ""
+    print(f'minari.load_dataset("{planned.id}") loads them{place}')
     return 0
 
 

@@ -3,20 +3,21 @@
 import os
 
 from study.data.trajectories import Floats
-from study.envs import Rollout, simulators
+from study.envs import Rollout, register
 from study.seeds import Seeds
 from tests.toys import Cart
 
 
-@simulators.register("quicksand")
+@register("quicksand")
 class Quicksand(Cart):
     """The cart, which now and then sinks."""
 
     name = "quicksand"
+    title = "Quicksand"
 
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
+    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds | None = None) -> Rollout:
         if os.environ.get("QUICKSAND") == "raise":
             raise FloatingPointError("the cart sank")
         if os.environ.get("QUICKSAND") == "exit":
             os._exit(7)
-        return super().rollout(s0, actions, seeds, noise)
+        return super().rollout(s0, actions, seeds)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from study.envs import Rollout, Scenarios, Simulator, Variable, simulators
+from study.envs import Episode, Policy, Scenarios, Simulator, Variable, register
 from study.envs.simulator import Doubles, Floats
 from study.models import Model, models
 from study.seeds import Seeds
@@ -19,11 +19,12 @@ SCENE = """
 """
 
 
-@simulators.register("cart")
+@register("cart")
 class Cart(Simulator):
     """A double integrator with a hidden mass, pushed towards a target."""
 
     name = "cart"
+    title = "Cart"
     version = 1
     state = (Variable("x", "m", "position"), Variable("v", "m/s", "velocity"))
     action = (Variable("force", "N", "push", -1.0, 1.0),)
@@ -37,28 +38,11 @@ class Cart(Simulator):
         drawn = np.stack([np.random.default_rng(seed).uniform(-1, 1, 3) for seed in seeds])
         return Scenarios(drawn[:, :2].astype(np.float32), drawn[:, 2:].astype(np.float32))
 
-    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
-        states = scenarios.s0.astype(np.float64)
-        actions = np.zeros((len(seeds), self.horizon, 1), np.float32)
-        for step in range(self.horizon):
-            wanted = 2 * (scenarios.task[:, 0] - states[:, 0]) - 2 * states[:, 1]
-            actions[:, step, 0] = np.clip(wanted, -1, 1)
-            states = self._step(states, actions[:, step, 0], 1.0, 0.0)
-        return actions
+    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+        return Ride(self.control_step, s0, seeds)
 
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
-        generators = [np.random.default_rng([int(seed), 1]) for seed in seeds]
-        mass = np.array([g.uniform(0.5, 1.5) for g in generators]) if noise else 1.0
-        pushes = np.stack([g.normal(size=actions.shape[1]) for g in generators]) * 0.2 * noise
-        states = [s0.astype(np.float64)]
-        for step in range(actions.shape[1]):
-            states.append(self._step(states[-1], actions[:, step, 0], mass, pushes[:, step]))
-        hidden = np.broadcast_to(np.asarray(mass, np.float32), len(seeds))[:, None]
-        return Rollout(np.stack(states, 1).astype(np.float32), np.array(hidden))
-
-    def _step(self, states: Doubles, force: Floats, mass: Any, push: Any) -> Doubles:
-        speed = states[:, 1] + self.control_step * (force + push) / mass
-        return np.stack([states[:, 0] + self.control_step * speed, speed], -1)
+    def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        return lambda t, states: 2 * (scenarios.task - states[:, :1]) - 2 * states[:, 1:]
 
     def position(self, states: Floats) -> Floats:
         return np.concatenate([states[..., :1], np.zeros((*states.shape[:-1], 2))], -1).astype(
@@ -73,6 +57,26 @@ class Cart(Simulator):
 
     def configuration(self, states: Floats) -> Doubles:
         return states[..., :1].astype(np.float64)
+
+
+class Ride(Episode):
+    """N carts on their way."""
+
+    def __init__(self, control_step: float, s0: Floats, seeds: Seeds | None) -> None:
+        self.control_step, self.states = control_step, s0.astype(np.float64)
+        self.generators = [
+            np.random.default_rng([int(seed), 1]) for seed in (() if seeds is None else seeds)
+        ]
+        mass = [generator.uniform(0.5, 1.5) for generator in self.generators] or np.ones(len(s0))
+        self.hidden = np.array(mass, np.float32)[:, None]
+
+    def step(self, actions: Floats) -> Floats:
+        force = actions[:, 0].astype(np.float64)
+        if self.generators:
+            force += [0.2 * generator.normal() for generator in self.generators]
+        speed = self.states[:, 1] + self.control_step * force / self.hidden[:, 0]
+        self.states = np.stack([self.states[:, 0] + self.control_step * speed, speed], -1)
+        return self.states.astype(np.float32)
 
 
 @models.register("drift")

@@ -19,12 +19,14 @@ class Trajectories:
     Attributes:
         states: [N, T+1, D] float32; ``states[:, 0]`` is s_0.
         actions: [N, T, A] float32; ``actions[:, t]`` leads from s_t to s_{t+1}.
+        task: [N, G] float32, what was asked for in each trajectory; no model sees it.
         hidden: [N, H] float32, what acted on each trajectory and no model sees.
         facts: names, units, seeds and versions.
     """
 
     states: Floats
     actions: Floats
+    task: Floats
     hidden: Floats
     facts: dict[str, Any]
 
@@ -38,18 +40,28 @@ class Trajectories:
 
     def __getitem__(self, index: slice | NDArray[np.int64]) -> "Trajectories":
         """Some of the trajectories."""
-        return Trajectories(self.states[index], self.actions[index], self.hidden[index], self.facts)
+        return Trajectories(
+            self.states[index],
+            self.actions[index],
+            self.task[index],
+            self.hidden[index],
+            self.facts,
+        )
 
     def save(self, path: Path) -> None:
         """Write to one safetensors file."""
-        arrays = {"states": self.states, "actions": self.actions, "hidden": self.hidden}
-        save_arrays(path, arrays, self.facts)
+        names = ("states", "actions", "task", "hidden")
+        save_arrays(path, {name: getattr(self, name) for name in names}, self.facts)
 
     @classmethod
     def load(cls, path: Path) -> "Trajectories":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            StudyError: the file is missing, is not whole, or is damaged.
+        """
         arrays, facts = load_arrays(path)
-        return cls(arrays["states"], arrays["actions"], arrays["hidden"], facts)
+        return cls(facts=facts, **arrays)
 
 
 @dataclass(frozen=True)
@@ -93,6 +105,10 @@ class ScenarioSet:
 
     @classmethod
     def load(cls, path: Path) -> "ScenarioSet":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            StudyError: the file is missing, is not whole, or is damaged.
+        """
         arrays, facts = load_arrays(path)
         return cls(facts=facts, **arrays)

@@ -3,9 +3,28 @@
 import importlib
 import pkgutil
 
-from study.envs.simulator import Rollout, Scenarios, Simulator, Variable, simulators
+from study.envs.registration import gymnasium_id, register
+from study.envs.simulator import (
+    Episode,
+    Policy,
+    Rollout,
+    Scenarios,
+    Simulator,
+    Variable,
+    simulators,
+)
 
-__all__ = ["Rollout", "Scenarios", "Simulator", "Variable", "simulators"]
+__all__ = [
+    "Episode",
+    "Policy",
+    "Rollout",
+    "Scenarios",
+    "Simulator",
+    "Variable",
+    "gymnasium_id",
+    "register",
+    "simulators",
+]
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")

@@ -1,37 +1,39 @@
 """The Pusher of section V-A: a two-link arm on a table pushes a ball to a target."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import ClassVar
 
 import mujoco
 import numpy as np
-from mujoco.rollout import Rollout as Physics
+from mujoco.batch import Batch
+from numpy.typing import NDArray
 
+from study.envs.noise import Noise
 from study.envs.pusher_policy import Habits, arm_end, torques
+from study.envs.registration import register
 from study.envs.simulator import (
+    Booleans,
     Doubles,
+    Episode,
     Floats,
-    Rollout,
+    Policy,
     Scenarios,
     Simulator,
     Variable,
-    simulators,
+    bounds,
 )
+from study.envs.swarm import swarm
 from study.seeds import Seeds
 
 MODEL = Path(__file__).with_name("pusher.xml")
+SWARM = 8
+"""Pushers in one MuJoCo world: with more, the solver's matrices outweigh what is shared."""
 BEHIND = 0.045
 """m, from the ball's centre to where the arm end must be able to begin a push."""
-
-# MuJoCo's full physics state is the time, the positions and the rates.
-POSITIONS, RATES = slice(1, 5), slice(5, 9)
-
-Advance = Callable[[Doubles, Floats | Doubles], Doubles]
+SCENARIO_STREAM, NOISE_STREAM = 0, 2
+"""Keep apart what is drawn from the same seed; 1 is the policy's."""
 
 
-@simulators.register("pusher")
+@register("pusher")
 class Pusher(Simulator):
     """A planar two-link arm, like that of Gymnasium's Reacher, pushes a ball to a target.
 
@@ -54,14 +56,14 @@ class Pusher(Simulator):
     | arm_y | m | arm end | -0.2 | 0.2 |
     | cos_theta | 1 | cosine of the upper angle θ | -1 | 1 |
     | sin_theta | 1 | sine of the upper angle θ | -1 | 1 |
-    | theta_rate | rad/s | rate of the upper angle | -inf | inf |
+    | theta_rate | rad/s | rate of the upper angle | -100 | 100 |
     | cos_gamma | 1 | cosine of the lower angle γ, from the upper arm | -1 | 1 |
     | sin_gamma | 1 | sine of the lower angle γ, from the upper arm | -1 | 1 |
-    | gamma_rate | rad/s | rate of the lower angle | -inf | inf |
+    | gamma_rate | rad/s | rate of the lower angle | -100 | 100 |
     | ball_x | m | ball | -0.26 | 0.26 |
     | ball_y | m | ball | -0.26 | 0.26 |
-    | ball_x_rate | m/s | velocity of the ball | -inf | inf |
-    | ball_y_rate | m/s | velocity of the ball | -inf | inf |
+    | ball_x_rate | m/s | velocity of the ball | -10 | 10 |
+    | ball_y_rate | m/s | velocity of the ball | -10 | 10 |
 
     Action (clipped to its bounds, held for one control step):
 
@@ -83,55 +85,68 @@ class Pusher(Simulator):
 
     | name | unit | meaning | low | high |
     |---|---|---|---|---|
-    | theta | rad | upper angle | -3.14159 | 3.14159 |
+    | theta | rad | upper angle | -3.142 | 3.142 |
     | gamma | rad | lower angle, of either sign | 0.6 | 2.4 |
     | ball_distance | m | from the shoulder to the ball | 0.07 | 0.15 |
-    | ball_bearing | rad | direction from the shoulder to the ball | -3.14159 | 3.14159 |
+    | ball_bearing | rad | direction from the shoulder to the ball | -3.142 | 3.142 |
     | target_distance | m | from the shoulder to the target | 0.03 | 0.18 |
-    | target_bearing | rad | direction from the shoulder to the target | -3.14159 | 3.14159 |
+    | target_bearing | rad | direction from the shoulder to the target | -3.142 | 3.142 |
 
     | name | unit | meaning | low | high |
     |---|---|---|---|---|
     | clearance | m | between the axes of peg and ball | 0.05 | inf |
-    | travel | m | from the ball to its target | 0.04 | 0.2 |
+    | travel | m | from the ball to its target | 0.06 | 0.2 |
     | behind | m | from the shoulder to 0.045 m behind the ball | 0.04 | 0.185 |
 
-    Noise: an independent Gaussian torque of standard deviation 0.004 N·m, added to each joint's
+    Noise: an independent Gaussian torque of standard deviation 0.006 N·m, added to each joint's
     torque at each control step, after the action has been clipped. It is not recorded.
 
-    Termination: after the horizon, 120 control steps of 0.02 s unless told otherwise (two physics
-    steps each). The outcome is whether the ball's centre came within 0.025 m of the target at any
+    Termination: after the horizon, 120 control steps of 0.02 s unless told otherwise (four physics
+    steps each). The outcome is whether the ball's centre came within 0.04 m of the target at any
     step of the horizon.
 
-    The plan is `pusher_policy` in closed loop with the noise-free system, then recorded.
+    Policy: `pusher_policy` gets behind the ball, by a detour if need be, and pushes it along the
+    line to its target. It sees the state at every control step of the noise-free system; the
+    torques that it asks for there are recorded, and that plan is executed. Each trajectory has
+    habits of its own:
+
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | approach | m/s | highest speed of the arm end on its way to the ball | 0.35 | 0.6 |
+    | push | m/s | highest speed of the push | 0.2 | 0.45 |
+    | gap | m | left between peg and ball before the push | 0.005 | 0.025 |
+
+    and it aims beside the line by a Gaussian offset of standard deviation 0.001 m, while the arm
+    end wanders by a Gaussian velocity of standard deviation 0.03 m/s, correlated by 0.9 from one
+    control step to the next.
     """
 
     name = "pusher"
-    version = 1
+    title = "Pusher"
+    version = 2
     state = (
         Variable("arm_x", "m", "arm end", -0.2, 0.2),
         Variable("arm_y", "m", "arm end", -0.2, 0.2),
         Variable("cos_theta", "1", "cosine of the upper angle θ", -1, 1),
         Variable("sin_theta", "1", "sine of the upper angle θ", -1, 1),
-        Variable("theta_rate", "rad/s", "rate of the upper angle"),
+        Variable("theta_rate", "rad/s", "rate of the upper angle", -100, 100),
         Variable("cos_gamma", "1", "cosine of the lower angle γ, from the upper arm", -1, 1),
         Variable("sin_gamma", "1", "sine of the lower angle γ, from the upper arm", -1, 1),
-        Variable("gamma_rate", "rad/s", "rate of the lower angle"),
+        Variable("gamma_rate", "rad/s", "rate of the lower angle", -100, 100),
         Variable("ball_x", "m", "ball", -0.26, 0.26),
         Variable("ball_y", "m", "ball", -0.26, 0.26),
-        Variable("ball_x_rate", "m/s", "velocity of the ball"),
-        Variable("ball_y_rate", "m/s", "velocity of the ball"),
+        Variable("ball_x_rate", "m/s", "velocity of the ball", -10, 10),
+        Variable("ball_y_rate", "m/s", "velocity of the ball", -10, 10),
     )
     action = (
         Variable("upper_torque", "N·m", "torque on the shoulder", -0.05, 0.05),
         Variable("lower_torque", "N·m", "torque on the elbow", -0.05, 0.05),
     )
-    hidden: ClassVar[tuple[Variable, ...]] = ()
     task = (
         Variable("target_x", "m", "where the ball should come to", -0.18, 0.18),
         Variable("target_y", "m", "where the ball should come to", -0.18, 0.18),
     )
-    start = (
+    drawn_from = (
         Variable("theta", "rad", "upper angle", -np.pi, np.pi),
         Variable("gamma", "rad", "lower angle, of either sign", 0.6, 2.4),
         Variable("ball_distance", "m", "from the shoulder to the ball", 0.07, 0.15),
@@ -143,33 +158,31 @@ class Pusher(Simulator):
     )
     conditions = (
         Variable("clearance", "m", "between the axes of peg and ball", 0.05),
-        Variable("travel", "m", "from the ball to its target", 0.04, 0.2),
+        Variable("travel", "m", "from the ball to its target", 0.06, 0.2),
         Variable("behind", "m", f"from the shoulder to {BEHIND:g} m behind the ball", 0.04, 0.185),
     )
+    telling = ("arm_x", "theta_rate", "ball_x_rate")
     default_horizon = 120
     control_step = 0.02
-    radius = 0.025
-    torque_noise = 0.004
+    radius = 0.04
+    torque_noise = 0.006
     """N·m, standard deviation."""
 
-    _scenario_stream, _noise_stream = 0, 2  # stream 1 of a seed is the policy's
     # Five draws in eight are admissible: all 32 fail once in about 10¹³ scenarios.
     _draws = 32
-    # Trajectories simulated at a time: few enough that their physics steps stay in the cache.
-    _chunk = 256
 
     def __init__(self, horizon: int | None = None, threads: int = 1) -> None:
         super().__init__(horizon, threads)
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))
-        self.substeps = round(self.control_step / self.model.opt.timestep)
+        self.swarm = swarm(MODEL, SWARM)
         self.ball_height = float(self.model.body("ball").pos[2])
 
     def draw(self, seeds: Seeds) -> Scenarios:
-        size = (self._draws, len(self.start) + 1)
+        size = (self._draws, len(self.drawn_from) + 1)
         uniform = np.stack(
-            [np.random.default_rng([int(s), self._scenario_stream]).random(size) for s in seeds]
+            [np.random.default_rng([int(s), SCENARIO_STREAM]).random(size) for s in seeds]
         )
-        low, high = np.array([(v.low, v.high) for v in self.start]).T
+        low, high = bounds(self.drawn_from)
         drawn = np.ascontiguousarray(np.moveaxis(low + (high - low) * uniform[..., :-1], -1, 0))
         theta, gamma, ball_distance, ball_bearing, target_distance, target_bearing = drawn
         gamma = np.where(uniform[..., -1] < 0.5, -gamma, gamma)
@@ -188,40 +201,18 @@ class Pusher(Simulator):
 
         positions = np.stack([v[chosen] for v in (theta, gamma, ball_x, ball_y)], axis=-1)
         task = np.stack([x[chosen], y[chosen]], axis=-1)
-        states = self._observe(positions, np.zeros_like(positions))
+        states = observe(positions, np.zeros_like(positions))
         return Scenarios(states.astype(np.float32), task.astype(np.float32))
 
-    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
-        """Actions [N, T, 2] in N·m of `pusher_policy`, which draws its habits from `seeds` [N]."""
+    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+        return _Pushes(self, s0, seeds, ahead)
+
+    def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        """`pusher_policy`, which draws its habits from `seeds` [N]."""
         habits = Habits.draw(seeds, self.horizon)
         target = scenarios.task.astype(np.float64)
         damping = float(self.model.joint("shoulder").damping[0])
-        actions = np.empty((len(seeds), self.horizon, len(self.action)), np.float32)
-        physics = self._physics(scenarios.s0)
-        with self._simulation() as advance:
-            for t in range(self.horizon):
-                states = self._observe(physics[:, POSITIONS], physics[:, RATES])
-                # It aims at the middle of the target: within `radius` alone would just count.
-                wanted = torques(states, target, habits, t, damping, near=0.3 * self.radius)
-                actions[:, t] = self._bounded(wanted)
-                physics = advance(physics, actions[:, t : t + 1])[:, -1]
-        return actions
-
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
-        count, horizon, size = actions.shape
-        states = np.empty((count, horizon + 1, len(self.state)), np.float32)
-        states[:, 0] = s0
-        with self._simulation() as advance:
-            for first in range(0, count, self._chunk):
-                some = slice(first, first + self._chunk)
-                applied = self._bounded(actions[some]).astype(np.float64)
-                if noise:
-                    for torque, seed in zip(applied, seeds[some], strict=True):
-                        generator = np.random.default_rng([int(seed), self._noise_stream])
-                        torque += self.torque_noise * generator.standard_normal((horizon, size))
-                physics = advance(self._physics(s0[some]), applied)
-                states[some, 1:] = self._observe(physics[..., POSITIONS], physics[..., RATES])
-        return Rollout(states, np.empty((count, len(self.hidden)), np.float32))
+        return lambda t, states: torques(states.astype(np.float64), target, habits, t, damping)
 
     def position(self, states: Floats) -> Floats:
         return self._on_table(states[..., 8:10])
@@ -233,50 +224,101 @@ class Pusher(Simulator):
         return self.model
 
     def configuration(self, states: Floats) -> Doubles:
-        return self._physics(states)[..., POSITIONS]
+        return mechanics(states)[0]
+
+    def events(self, states: Floats) -> dict[str, Booleans]:
+        """How the ball was first hit, by the angle at which it left, and whether it hit a cushion.
+
+        The ball is at rest until the arm touches it.
+        """
+        moves = (states[..., 10:12] != 0).any(axis=-1)
+        hit = moves.any(axis=-1)
+        first = np.maximum(moves.argmax(axis=-1), 1)[..., None, None]
+
+        def at(steps: NDArray[np.int64], columns: slice) -> Doubles:
+            return np.take_along_axis(states[..., columns], steps, axis=-2)[..., 0, :].astype(float)
+
+        way = at(first, slice(0, 2)) - at(first - 1, slice(0, 2))
+        ball = at(first, slice(10, 12))
+        across = np.abs(way[..., 0] * ball[..., 1] - way[..., 1] * ball[..., 0])
+        along = (way * ball).sum(axis=-1)
+        grazes = across > along
+        edge = float(self.model.joint("ball_x").range[1])
+        return {
+            "the ball is hit squarely": hit & ~grazes,
+            "the ball is grazed": hit & grazes,
+            "the ball is missed": ~hit,
+            "the ball runs into a cushion": (np.abs(states[..., 8:10]) > edge).any(axis=(-1, -2)),
+        }
 
     def _on_table(self, points: Floats) -> Floats:
         """The points [..., 2] at the height of the ball's centre, [..., 3]."""
         height = np.full((*points.shape[:-1], 1), self.ball_height, np.float32)
         return np.concatenate([points, height], axis=-1)
 
-    def _bounded(self, actions: Floats | Doubles) -> Floats:
-        low, high = np.array([(v.low, v.high) for v in self.action], np.float32).T
-        return np.clip(actions, low, high).astype(np.float32)
 
-    # Elementwise functions see contiguous rows only: numpy may round the same number another way
-    # in a strided array, and then a trajectory would depend on the batch around it.
+class _Pushes(Episode):
+    """N Pushers at once; a world of MuJoCo's holds `SWARM` of them."""
 
-    def _observe(self, positions: Doubles, rates: Doubles) -> Doubles:
-        """States [..., 12] of MuJoCo's qpos [..., 4] and qvel [..., 4]."""
-        theta, gamma, ball_x, ball_y = np.ascontiguousarray(np.moveaxis(positions, -1, 0))
-        theta_rate, gamma_rate, ball_x_rate, ball_y_rate = np.moveaxis(rates, -1, 0)
-        upper = (np.cos(theta), np.sin(theta), theta_rate)
-        lower = (np.cos(gamma), np.sin(gamma), gamma_rate)
-        ball = (ball_x, ball_y, ball_x_rate, ball_y_rate)
-        return np.stack([*arm_end(theta, gamma), *upper, *lower, *ball], axis=-1)
+    def __init__(self, simulator: Pusher, s0: Floats, seeds: Seeds | None, ahead: int) -> None:
+        self.count = len(s0)
+        self.hidden = np.empty((self.count, 0), np.float32)
+        model = simulator.model if self.count == 1 else simulator.swarm
+        together = model.nq // 4
+        self._worlds = (-(-self.count // together), together)
+        self._batch = Batch(model, nsim=self._worlds[0], nthread=simulator.threads)
+        self._substeps = round(simulator.control_step / model.opt.timestep)
+        # Live arrays, [worlds, together, …]: a view of each world's own memory.
+        self._positions = self._batch.bind("qpos").reshape(*self._worlds, 4)
+        self._rates = self._batch.bind("qvel").reshape(*self._worlds, 4)
+        self._torques = self._batch.bind("ctrl").reshape(*self._worlds, 2)
+        positions, rates = mechanics(s0)
+        self._positions[...], self._rates[...] = self._fill(positions), self._fill(rates)
+        self._noise = None
+        if seeds is not None:
+            generators = [np.random.default_rng([int(seed), NOISE_STREAM]) for seed in seeds]
+            self._noise, self._deviation = Noise(generators, (2,), ahead), simulator.torque_noise
 
-    def _physics(self, states: Floats) -> Doubles:
-        """MuJoCo's full physics state [..., 9], at time 0, of states [..., 12].
+    def step(self, actions: Floats) -> Floats:
+        torque = actions.astype(np.float64)
+        if self._noise is not None:
+            torque += self._deviation * self._noise.step()
+        self._torques[...] = self._fill(torque)
+        self._batch.step(nstep=self._substeps)
+        positions, rates = self._positions.reshape(-1, 4), self._rates.reshape(-1, 4)
+        return observe(positions[: self.count], rates[: self.count]).astype(np.float32)
 
-        The arm end is not read: the angles say where it is.
-        """
-        rows = np.ascontiguousarray(np.moveaxis(states, -1, 0)).astype(np.float64)
-        _, _, cos_theta, sin_theta, theta_rate, cos_gamma, sin_gamma, gamma_rate, *ball = rows
-        theta, gamma = np.arctan2(sin_theta, cos_theta), np.arctan2(sin_gamma, cos_gamma)
-        ball_x, ball_y, ball_x_rate, ball_y_rate = ball
-        positions = (np.zeros_like(theta), theta, gamma, ball_x, ball_y)
-        return np.stack([*positions, theta_rate, gamma_rate, ball_x_rate, ball_y_rate], axis=-1)
+    def _fill(self, values: Doubles) -> Doubles:
+        """[N, ...] as [worlds, together, ...]: the last is repeated where N does not fill them."""
+        rest = self._worlds[0] * self._worlds[1] - self.count
+        full = np.concatenate([values, values[-1:].repeat(rest, 0)])
+        return full.reshape(*self._worlds, *values.shape[1:])
 
-    @contextmanager
-    def _simulation(self) -> Iterator[Advance]:
-        """A function from physics states [N, 9] and torques [N, T, 2] to states [N, T, 9]."""
-        data = [mujoco.MjData(self.model) for _ in range(max(self.threads, 1))]
-        with Physics(nthread=self.threads if self.threads > 1 else 0) as physics:
 
-            def advance(start: Doubles, applied: Floats | Doubles) -> Doubles:
-                controls = np.repeat(applied.astype(np.float64), self.substeps, axis=1)
-                reached, _ = physics.rollout(self.model, data, start, controls)
-                return np.asarray(reached[:, self.substeps - 1 :: self.substeps])
+# Elementwise functions see contiguous rows only: numpy may round the same number another way in a
+# strided array, and then a trajectory would depend on the batch around it.
 
-            yield advance
+
+def observe(positions: Doubles, rates: Doubles) -> Doubles:
+    """States [..., 12] of MuJoCo's qpos [..., 4] and qvel [..., 4]."""
+    theta, gamma, ball_x, ball_y = np.ascontiguousarray(np.moveaxis(positions, -1, 0))
+    theta_rate, gamma_rate, ball_x_rate, ball_y_rate = np.moveaxis(rates, -1, 0)
+    upper = (np.cos(theta), np.sin(theta), theta_rate)
+    lower = (np.cos(gamma), np.sin(gamma), gamma_rate)
+    ball = (ball_x, ball_y, ball_x_rate, ball_y_rate)
+    return np.stack([*arm_end(theta, gamma), *upper, *lower, *ball], axis=-1)
+
+
+def mechanics(states: Floats) -> tuple[Doubles, Doubles]:
+    """MuJoCo's qpos [..., 4] and qvel [..., 4] of states [..., 12].
+
+    The arm end is not read: the angles say where it is.
+    """
+    rows = np.ascontiguousarray(np.moveaxis(states, -1, 0)).astype(np.float64)
+    _, _, cos_theta, sin_theta, theta_rate, cos_gamma, sin_gamma, gamma_rate, *ball = rows
+    theta, gamma = np.arctan2(sin_theta, cos_theta), np.arctan2(sin_gamma, cos_gamma)
+    ball_x, ball_y, ball_x_rate, ball_y_rate = ball
+    return (
+        np.stack([theta, gamma, ball_x, ball_y], axis=-1),
+        np.stack([theta_rate, gamma_rate, ball_x_rate, ball_y_rate], axis=-1),
+    )

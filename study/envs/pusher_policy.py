@@ -8,11 +8,16 @@ to learn from. Every operation is elementwise: a trajectory's plan does not depe
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.envs.simulator import Doubles, Variable, bounds
 from study.seeds import Seeds
 
-Doubles = NDArray[np.float64]
+HABITS = (
+    Variable("approach", "m/s", "highest speed of the arm end on its way to the ball", 0.35, 0.6),
+    Variable("push", "m/s", "highest speed of the push", 0.2, 0.45),
+    Variable("gap", "m", "left between peg and ball before the push", 0.005, 0.025),
+)
+"""What differs from one trajectory to the next, each uniform; see `Habits` for what else does."""
 
 LINK = 0.1
 """m, length of each of the two links."""
@@ -35,6 +40,8 @@ CORRECTION_RATE = 12.0
 """1/s, at which the arm end returns to the line of the push."""
 STOPPING_RATE = 4.0
 """1/s: near its target the ball is pushed no faster than its distance times this rate."""
+NEAR = 0.0075
+"""m, from its target within which the ball is pushed no more."""
 SINGULARITY = 0.02
 """m, damping of the inverse Jacobian, which matters where the arm is stretched or folded."""
 RATE_GAIN = 0.02
@@ -70,9 +77,6 @@ class Habits:
     offset: Doubles
     wander: Doubles
 
-    APPROACH = (0.35, 0.60)
-    PUSH = (0.20, 0.45)
-    GAP = (0.005, 0.025)
     OFFSET = 0.001
     """m, standard deviation."""
     WANDER = 0.03
@@ -86,13 +90,13 @@ class Habits:
     @classmethod
     def draw(cls, seeds: Seeds, horizon: int) -> "Habits":
         """One trajectory's habits for each seed [N], for T control steps."""
-        uniform = np.empty((len(seeds), 3))
+        uniform = np.empty((len(seeds), len(HABITS)))
         normal = np.empty((len(seeds), 1 + 2 * horizon))
         for row, seed in enumerate(seeds):
             generator = np.random.default_rng([int(seed), cls.STREAM])
             generator.random(out=uniform[row])
             generator.standard_normal(out=normal[row])
-        low, high = np.array([cls.APPROACH, cls.PUSH, cls.GAP]).T
+        low, high = bounds(HABITS)
         approach, push, gap = (low + (high - low) * uniform).T
         wander = normal[:, 1:].reshape(-1, horizon, 2)
         for t in range(1, horizon):
@@ -101,13 +105,11 @@ class Habits:
         return cls(approach, push, gap, cls.OFFSET * normal[:, 0], cls.WANDER * wander)
 
 
-def torques(
-    states: Doubles, target: Doubles, habits: Habits, t: int, damping: float, near: float
-) -> Doubles:
+def torques(states: Doubles, target: Doubles, habits: Habits, t: int, damping: float) -> Doubles:
     """Torques [N, 2] in N·m, not yet bounded, for states [N, 12] and targets [N, 2] at step t.
 
     Near the line behind the ball the arm end pushes, slower as the ball nears its target, and not
-    at all within `near` [m] of it. Elsewhere it heads for a waypoint on a circle around the ball,
+    at all within `NEAR` of it. Elsewhere it heads for a waypoint on a circle around the ball,
     the shorter way round. Joint rates follow from the damped inverse of the Jacobian (Nakamura and
     Hanafusa, 1986), torques from the error of the rates; `damping` [N·m·s] of the joints is
     compensated.
@@ -137,7 +139,7 @@ def torques(
     approach = np.minimum(habits.approach, APPROACH_RATE * left) / left
 
     # Push: sideways the arm end moves with the ball and returns to the line.
-    forward = np.where(distance > near, np.minimum(habits.push, STOPPING_RATE * distance), 0.0)
+    forward = np.where(distance > NEAR, np.minimum(habits.push, STOPPING_RATE * distance), 0.0)
     forward *= np.maximum(1.0 - (aside / EASE) ** 2, 0.0)
     left = along_x * ball_y_rate - along_y * ball_x_rate - CORRECTION_RATE * aside
 

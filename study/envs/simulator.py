@@ -1,7 +1,7 @@
 """The contract of a real system: what the study asks of an environment, and nothing more.
 
-A simulator is batched and stateless. Everything random in a scenario or a rollout comes from a
-seed of its own, so the result is the same for any batch size, order and number of threads.
+A simulator is batched and holds no state. Everything random in a scenario or a rollout comes from
+a seed of its own, so the result is the same for any batch size, order and number of threads.
 
 The life of a scenario::
 
@@ -13,9 +13,13 @@ The life of a scenario::
 Actions are open loop: planned on the noise-free system, then executed in the noisy one. So they
 tell a model nothing about the noise to come, and re-simulating the same s0 and actions with other
 seeds (the *oracle*) gives the exact distribution p(s_{1:T} | s_0; a_{0:T-1}) of equation (2).
+
+Underneath, `start` begins an `Episode`, which advances by one control step at a time. `plan`,
+`rollout` and the Gymnasium environment (`study.envs.gymnasium_env`) are all made of it.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,6 +34,9 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
+Policy = Callable[[int, Floats], NDArray[np.floating]]
+"""Actions [N, A], not yet bounded, at control step t in states [N, D]."""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -42,6 +49,12 @@ class Variable:
     high: float = np.inf
 
 
+def bounds(variables: tuple[Variable, ...]) -> tuple[Doubles, Doubles]:
+    """The low and the high bounds, [len(variables)] each."""
+    low, high = np.array([(v.low, v.high) for v in variables], np.float64).reshape(-1, 2).T
+    return low, high
+
+
 @dataclass(frozen=True)
 class Scenarios:
     """N beginnings: s0 [N, D] float32, and task [N, G] float32, what the agent is asked to do.
@@ -52,6 +65,10 @@ class Scenarios:
     s0: Floats
     task: Floats
 
+    def __getitem__(self, part: slice) -> "Scenarios":
+        """Some of the scenarios."""
+        return Scenarios(self.s0[part], self.task[part])
+
 
 @dataclass(frozen=True)
 class Rollout:
@@ -61,8 +78,22 @@ class Rollout:
     hidden: Floats
 
 
+class Episode(ABC):
+    """N trajectories under way, each with noise and hidden variables of its own.
+
+    Attributes:
+        hidden: [N, H] float32.
+    """
+
+    hidden: Floats
+
+    @abstractmethod
+    def step(self, actions: Floats) -> Floats:
+        """Hold `actions` [N, A], within their bounds, for a control step; states [N, D] after."""
+
+
 class Simulator(ABC):
-    """A real system. Subclasses are registered: ``@simulators.register("pusher")``.
+    """A real system. Subclasses are registered: ``@register("pusher")``.
 
     Args:
         horizon: number of control steps T; the environment's own if None.
@@ -70,17 +101,26 @@ class Simulator(ABC):
     """
 
     name: ClassVar[str]
+    title: ClassVar[str]
+    """As people write it: Gymnasium's id is ``study/{title}-v0``."""
     # Part of every artifact's key: raise it whenever the numbers that a rollout gives change.
     version: ClassVar[int]
     state: ClassVar[tuple[Variable, ...]]
     action: ClassVar[tuple[Variable, ...]]
-    hidden: ClassVar[tuple[Variable, ...]]
+    hidden: ClassVar[tuple[Variable, ...]] = ()
     task: ClassVar[tuple[Variable, ...]]
+    drawn_from: ClassVar[tuple[Variable, ...]] = ()
+    """What scenarios are drawn from, each uniform between its bounds."""
+    telling: ClassVar[tuple[str, ...]] = ()
+    """Names of the state variables that a picture should show over time; none: it chooses."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""
     radius: ClassVar[float]
     """Metres: the task succeeds when `position` comes this close to `target`."""
+    at_once: ClassVar[int] = 2048
+    """Trajectories simulated at a time: many enough that an operation's fixed cost vanishes, few
+    enough that the arrays fit a cache."""
 
     def __init__(self, horizon: int | None = None, threads: int = 1) -> None:
         self.horizon = horizon or self.default_horizon
@@ -91,17 +131,20 @@ class Simulator(ABC):
         """Draw one scenario for each seed [N]."""
 
     @abstractmethod
-    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
-        """Actions [N, T, A] of a policy that tries to do the task on the noise-free system.
+    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+        """Begin a trajectory from each `s0` [N, D], with a seed [N] each.
 
-        The policy may be random (variety to train on): it draws from `seeds` [N].
+        Args:
+            s0: [N, D].
+            seeds: [N]; none: the nominal system, with no noise and hidden variables at their mean.
+            ahead: control steps for which noise may be drawn at once. It changes speed alone.
         """
 
     @abstractmethod
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
-        """Execute `actions` [N, T, A] open loop from `s0` [N, D], one seed [N] a trajectory.
+    def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        """A policy that tries to do the task of each scenario [N].
 
-        With `noise=False` the nominal system: no noise, hidden variables at their mean.
+        It may be random (variety to train on): it draws from `seeds` [N].
         """
 
     @abstractmethod
@@ -120,6 +163,43 @@ class Simulator(ABC):
     def configuration(self, states: Floats) -> Doubles:
         """MuJoCo's qpos [..., nq] of states [..., D], for drawing."""
 
+    def events(self, states: Floats) -> dict[str, Booleans]:
+        """What can happen on the way, and whether it did: [...] of states [..., T+1, D]."""
+        return {}
+
+    def bounded(self, actions: NDArray[np.floating]) -> Floats:
+        """Actions [..., A] clipped to their bounds."""
+        return np.clip(actions, *bounds(self.action)).astype(np.float32)
+
+    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
+        """Actions [N, T, A] of `policy` in closed loop with the nominal system."""
+        actions = np.empty((len(seeds), self.horizon, len(self.action)), np.float32)
+        for part in self._parts(len(seeds)):
+            policy, states = self.policy(scenarios[part], seeds[part]), scenarios.s0[part]
+            episode = self.start(states)
+            for t in range(self.horizon):
+                actions[part, t] = self.bounded(policy(t, states))
+                states = episode.step(actions[part, t])
+        return actions
+
+    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds | None = None) -> Rollout:
+        """Execute `actions` [N, T, A], clipped to their bounds, open loop from `s0` [N, D].
+
+        With a seed [N] a trajectory; without, on the nominal system.
+        """
+        count, horizon = actions.shape[:2]
+        states = np.empty((count, horizon + 1, len(self.state)), np.float32)
+        hidden = np.empty((count, len(self.hidden)), np.float32)
+        states[:, 0] = s0
+        for part in self._parts(count):
+            own_seeds = None if seeds is None else seeds[part]
+            episode = self.start(states[part, 0], own_seeds, ahead=horizon)
+            hidden[part] = episode.hidden
+            commands = self.bounded(actions[part])
+            for t in range(horizon):
+                states[part, t + 1] = episode.step(commands[:, t])
+        return Rollout(states, hidden)
+
     def outcome(self, states: Floats, task: Floats) -> Booleans:
         """Whether the task succeeds within the horizon: [...] of states [..., T, D], task [..., G].
 
@@ -128,6 +208,9 @@ class Simulator(ABC):
         """
         distance = np.linalg.norm(self.position(states) - self.target(task)[..., None, :], axis=-1)
         return np.asarray((distance <= self.radius).any(axis=-1))
+
+    def _parts(self, count: int) -> list[slice]:
+        return [slice(start, start + self.at_once) for start in range(0, count, self.at_once)]
 
 
 simulators: Registry[type[Simulator]] = Registry("environment")

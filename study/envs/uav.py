@@ -4,19 +4,27 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from study.envs.simulator import Rollout, Scenarios, Simulator, Variable, simulators
-from study.envs.uav_flight import ANGLES, POSITION, Flight
+from study.envs.noise import Noise
+from study.envs.registration import register
+from study.envs.simulator import (
+    Booleans,
+    Doubles,
+    Episode,
+    Floats,
+    Policy,
+    Scenarios,
+    Simulator,
+    Variable,
+    bounds,
+)
+from study.envs.uav_flight import ANGLES, BATTERY, POSITION, Flight
 from study.envs.uav_physics import MAX_PAYLOAD, MEAN_PAYLOAD, MODEL, quaternion
 from study.envs.uav_pilot import HABITS, Pilot
 from study.seeds import Seeds
 
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-
-CHUNK = 2048
-"""Flights at once: an operation's fixed cost vanishes, and the arrays still fit a cache."""
+SCENARIO_STREAM, POLICY_STREAM, NOISE_STREAM = 0, 1, 2
+"""Keep apart what is drawn from the same seed."""
 
 START = (
     Variable("x", "m", "position, east", -20.0, 20.0),
@@ -38,121 +46,133 @@ START = (
 """What a scenario is drawn from, each uniform between its bounds. The rest of s0 is zero."""
 
 
-@simulators.register("uav")
+@register("uav")
 class Uav(Simulator):
     """A quadrotor with an autopilot, a battery, weather, and a payload that nobody sees.
 
-    The airframe and its rotors are those of the PX4 Gazebo model "iris" (see `uav_physics`). An
-    action holds for a control step of 0.4 s; physics and autopilot run at 50 Hz. Axes point east,
-    north and up; angles are applied yaw first, then pitch, then roll.
+    The airframe and its rotors are those of the PX4 Gazebo model "iris" (`uav_physics` says what is
+    published and what was chosen): 1.5 kg without payload, four rotors that each lift up to 7.07 N
+    at full charge and lag behind what is asked of them by 0.0125 s (faster) or 0.025 s (slower).
+    The top speed of a rotor falls with the charge, to 0.833 of the full one's. Drag acts against
+    the air that passes, wind included. The battery holds 8.5 Wh; thrust costs as momentum theory
+    says, and the avionics draw 15 W.
 
-    State, 17:
+    An autopilot (`uav_autopilot`) follows the set-points. It assumes the mean payload, so another
+    one shows as height lost or gained, and as drain. Physics and autopilot run at 50 Hz. Axes point
+    east, north and up; angles are applied yaw first, then pitch, then roll.
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | x | m | position, east | -inf | inf |
-    | 1 | y | m | position, north | -inf | inf |
-    | 2 | z | m | height above the ground | 0 | inf |
-    | 3 | vx | m/s | velocity, east | -inf | inf |
-    | 4 | vy | m/s | velocity, north | -inf | inf |
-    | 5 | vz | m/s | velocity, up | -inf | inf |
-    | 6 | roll | rad | about the body's x axis, third | -3.142 | 3.142 |
-    | 7 | pitch | rad | about the body's y axis, second | -1.571 | 1.571 |
-    | 8 | yaw | rad | about the vertical, first; not wrapped | -inf | inf |
-    | 9 | roll_rate | rad/s | change of roll | -inf | inf |
-    | 10 | pitch_rate | rad/s | change of pitch | -inf | inf |
-    | 11 | yaw_rate | rad/s | change of yaw | -inf | inf |
-    | 12 | wind_x | m/s | wind, east | -inf | inf |
-    | 13 | wind_y | m/s | wind, north | -inf | inf |
-    | 14 | wind_z | m/s | wind, up | -inf | inf |
-    | 15 | temperature | degC | air temperature | -inf | inf |
-    | 16 | battery | % | charge that is left | 0 | 100 |
+    State:
 
-    Action, 4, clipped to its bounds:
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | x | m | position, east | -5000 | 5000 |
+    | y | m | position, north | -5000 | 5000 |
+    | z | m | height above the ground | 0 | 5000 |
+    | vx | m/s | velocity, east | -100 | 100 |
+    | vy | m/s | velocity, north | -100 | 100 |
+    | vz | m/s | velocity, up | -100 | 100 |
+    | roll | rad | about the body's x axis, third | -3.142 | 3.142 |
+    | pitch | rad | about the body's y axis, second | -1.571 | 1.571 |
+    | yaw | rad | about the vertical, first; not wrapped | -1000 | 1000 |
+    | roll_rate | rad/s | change of roll | -1000 | 1000 |
+    | pitch_rate | rad/s | change of pitch | -1000 | 1000 |
+    | yaw_rate | rad/s | change of yaw | -1000 | 1000 |
+    | wind_x | m/s | wind, east | -100 | 100 |
+    | wind_y | m/s | wind, north | -100 | 100 |
+    | wind_z | m/s | wind, up | -100 | 100 |
+    | temperature | degC | air temperature | -100 | 100 |
+    | battery | % | charge that is left | 0 | 100 |
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | vx | m/s | velocity set-point, east | -8 | 8 |
-    | 1 | vy | m/s | velocity set-point, north | -8 | 8 |
-    | 2 | vz | m/s | velocity set-point, up | -3 | 3 |
-    | 3 | yaw_rate | rad/s | yaw-rate set-point | -1 | 1 |
+    Action (clipped to its bounds, held for one control step):
 
-    Hidden, 1, uniform, drawn for each trajectory from its seed:
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | vx | m/s | velocity set-point, east | -8 | 8 |
+    | vy | m/s | velocity set-point, north | -8 | 8 |
+    | vz | m/s | velocity set-point, up | -3 | 3 |
+    | yaw_rate | rad/s | yaw-rate set-point | -1 | 1 |
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | payload | kg | mass carried | 0 | 0.6 |
+    Hidden variables (uniform, drawn for each trajectory from its seed):
 
-    Task, 3: come within 5 m of the target at any step:
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | payload | kg | mass carried | 0 | 0.6 |
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | target_x | m | where to fly, east | -inf | inf |
-    | 1 | target_y | m | where to fly, north | -inf | inf |
-    | 2 | target_z | m | where to fly, up | 0 | inf |
+    Task (come within 5 m of the target at any step of the horizon):
+
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | target_x | m | where to fly, east | -5000 | 5000 |
+    | target_y | m | where to fly, north | -5000 | 5000 |
+    | target_z | m | where to fly, up | 0 | 5000 |
 
     Start, each uniform, the rest of s0 zero; `rise` shrinks with a horizon below 60:
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | x | m | position, east | -20 | 20 |
-    | 1 | y | m | position, north | -20 | 20 |
-    | 2 | z | m | height above the ground | 20 | 40 |
-    | 3 | vx | m/s | velocity, east | -1 | 1 |
-    | 4 | vy | m/s | velocity, north | -1 | 1 |
-    | 5 | vz | m/s | velocity, up | -0.3 | 0.3 |
-    | 6 | yaw | rad | heading | -3.142 | 3.142 |
-    | 7 | wind | m/s | speed of the level wind | 0 | 9 |
-    | 8 | wind_towards | rad | where it blows to | -3.142 | 3.142 |
-    | 9 | wind_z | m/s | wind, up | -0.4 | 0.4 |
-    | 10 | temperature | degC | air temperature | 0 | 35 |
-    | 11 | battery | % | charge that is left | 15 | 100 |
-    | 12 | pace | m/s | level distance of the target, per second of horizon | 0.8 | 5.2 |
-    | 13 | bearing | rad | direction of the target | -3.142 | 3.142 |
-    | 14 | rise | m | height of the target above the start | -12 | 15 |
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | x | m | position, east | -20 | 20 |
+    | y | m | position, north | -20 | 20 |
+    | z | m | height above the ground | 20 | 40 |
+    | vx | m/s | velocity, east | -1 | 1 |
+    | vy | m/s | velocity, north | -1 | 1 |
+    | vz | m/s | velocity, up | -0.3 | 0.3 |
+    | yaw | rad | heading | -3.142 | 3.142 |
+    | wind | m/s | speed of the level wind | 0 | 9 |
+    | wind_towards | rad | where it blows to | -3.142 | 3.142 |
+    | wind_z | m/s | wind, up | -0.4 | 0.4 |
+    | temperature | degC | air temperature | 0 | 35 |
+    | battery | % | charge that is left | 15 | 100 |
+    | pace | m/s | level distance of the target, per second of horizon | 0.8 | 5.2 |
+    | bearing | rad | direction of the target | -3.142 | 3.142 |
+    | rise | m | height of the target above the start | -12 | 15 |
 
-    Policy (see `uav_pilot`), each uniform:
+    Policy: `uav_pilot` follows a point that moves along a bowed path to the target, at most at
+    8 m/s level, and then waits there. It sees the state at every control step of the nominal
+    system, so it makes up for the mean wind; the set-points that it gives there are recorded, and
+    that plan is executed. Each flight has habits of its own, uniform:
 
-    | # | name | unit | meaning | low | high |
-    |---|------|------|---------|-----|------|
-    | 0 | arrival | 1 | when the target is reached, as a share of the horizon | 0.35 | 1 |
-    | 1 | detour | 1 | sideways bow of the path, as a share of its length | -0.2 | 0.2 |
-    | 2 | climb | m | upward bow of the path | -6 | 10 |
-    | 3 | gaze | rad | heading, from the direction of flight | -3.142 | 3.142 |
-    | 4 | zeal | 1/s | velocity per metre behind the moving point | 0.3 | 0.8 |
+    | name | unit | meaning | low | high |
+    |---|---|---|---|---|
+    | arrival | 1 | when the target is reached, as a share of the horizon | 0.35 | 1 |
+    | detour | 1 | sideways bow of the path, as a share of its length | -0.2 | 0.2 |
+    | climb | m | upward bow of the path | -6 | 10 |
+    | gaze | rad | heading, from the direction of flight | -3.142 | 3.142 |
+    | zeal | 1/s | velocity per metre behind the moving point | 0.3 | 0.8 |
 
     Noise. The payload; gusts on top of the wind of s0, which is their mean: Ornstein-Uhlenbeck
     processes that start at zero, in a level wind of W m/s with standard deviation 0.3 + 0.3 W m/s
     and correlation time 8 s level, and 0.2 + 0.12 W m/s and 3 s vertically; the temperature
     wanders likewise, 0.5 degC and 30 s. Without noise: no gust, no wander, payload 0.3 kg.
 
-    End. The horizon ends a flight. A vehicle that comes down to z = 0 stays there to the end:
-    position, yaw and battery as they were, velocity, roll, pitch and rates zero, while wind and
-    temperature go on. With an empty battery the rotors stop, and it falls.
+    Termination: after the horizon, 60 control steps of 0.4 s unless told otherwise. A vehicle that
+    comes down to z = 0 stays there to the end: position, yaw and battery as they were, velocity,
+    roll, pitch and rates zero, while wind and temperature go on. With an empty battery the rotors
+    stop, and it falls.
     """
 
     name = "uav"
+    title = "UAV"
     version = 1
     default_horizon = 60
     control_step = 0.4
     radius = 5.0
     state: ClassVar[tuple[Variable, ...]] = (
-        Variable("x", "m", "position, east"),
-        Variable("y", "m", "position, north"),
-        Variable("z", "m", "height above the ground", 0.0),
-        Variable("vx", "m/s", "velocity, east"),
-        Variable("vy", "m/s", "velocity, north"),
-        Variable("vz", "m/s", "velocity, up"),
+        Variable("x", "m", "position, east", -5000.0, 5000.0),
+        Variable("y", "m", "position, north", -5000.0, 5000.0),
+        Variable("z", "m", "height above the ground", 0.0, 5000.0),
+        Variable("vx", "m/s", "velocity, east", -100.0, 100.0),
+        Variable("vy", "m/s", "velocity, north", -100.0, 100.0),
+        Variable("vz", "m/s", "velocity, up", -100.0, 100.0),
         Variable("roll", "rad", "about the body's x axis, third", -np.pi, np.pi),
         Variable("pitch", "rad", "about the body's y axis, second", -np.pi / 2, np.pi / 2),
-        Variable("yaw", "rad", "about the vertical, first; not wrapped"),
-        Variable("roll_rate", "rad/s", "change of roll"),
-        Variable("pitch_rate", "rad/s", "change of pitch"),
-        Variable("yaw_rate", "rad/s", "change of yaw"),
-        Variable("wind_x", "m/s", "wind, east"),
-        Variable("wind_y", "m/s", "wind, north"),
-        Variable("wind_z", "m/s", "wind, up"),
-        Variable("temperature", "degC", "air temperature"),
+        Variable("yaw", "rad", "about the vertical, first; not wrapped", -1000.0, 1000.0),
+        Variable("roll_rate", "rad/s", "change of roll", -1000.0, 1000.0),
+        Variable("pitch_rate", "rad/s", "change of pitch", -1000.0, 1000.0),
+        Variable("yaw_rate", "rad/s", "change of yaw", -1000.0, 1000.0),
+        Variable("wind_x", "m/s", "wind, east", -100.0, 100.0),
+        Variable("wind_y", "m/s", "wind, north", -100.0, 100.0),
+        Variable("wind_z", "m/s", "wind, up", -100.0, 100.0),
+        Variable("temperature", "degC", "air temperature", -100.0, 100.0),
         Variable("battery", "%", "charge that is left", 0.0, 100.0),
     )
     action: ClassVar[tuple[Variable, ...]] = (
@@ -165,19 +185,19 @@ class Uav(Simulator):
         Variable("payload", "kg", "mass carried", 0.0, MAX_PAYLOAD),
     )
     task: ClassVar[tuple[Variable, ...]] = (
-        Variable("target_x", "m", "where to fly, east"),
-        Variable("target_y", "m", "where to fly, north"),
-        Variable("target_z", "m", "where to fly, up", 0.0),
+        Variable("target_x", "m", "where to fly, east", -5000.0, 5000.0),
+        Variable("target_y", "m", "where to fly, north", -5000.0, 5000.0),
+        Variable("target_z", "m", "where to fly, up", 0.0, 5000.0),
     )
 
-    def __init__(self, horizon: int | None = None, threads: int = 1) -> None:
-        super().__init__(horizon, threads)
-        self.ticks = round(self.control_step / self.scene().opt.timestep)
-        """Physics steps in one control step."""
+    drawn_from = START
+    telling = ("z", "vz", "battery")
 
     def draw(self, seeds: Seeds) -> Scenarios:
         """Draw one scenario for each seed [N], from `START`."""
-        drawn = dict(zip((v.name for v in START), _uniform(seeds, 0, START).T, strict=True))
+        drawn = dict(
+            zip((v.name for v in START), _uniform(seeds, SCENARIO_STREAM, START).T, strict=True)
+        )
         duration = self.horizon * self.control_step
         s0 = np.zeros((len(seeds), len(self.state)))
         for column, variable in enumerate(self.state):
@@ -196,35 +216,15 @@ class Uav(Simulator):
         )
         return Scenarios(s0.astype(np.float32), (s0[:, POSITION] + away).astype(np.float32))
 
-    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
-        """Actions [N, T, 4] of a `Pilot` that flies the nominal system closed loop."""
-        habits = _uniform(seeds, 1, HABITS)
-        actions = np.empty((len(seeds), self.horizon, len(self.action)), np.float32)
-        for part in _parts(len(seeds)):
-            state, target = scenarios.s0[part], scenarios.task[part]
-            pilot = Pilot(state, target, habits[part], self.horizon * self.control_step)
-            flight = Flight(state, np.full(len(state), MEAN_PAYLOAD, np.float32), self.threads)
-            for step in range(self.horizon):
-                wanted = pilot.command(step * self.control_step, state)
-                actions[part, step] = self._allowed(wanted)
-                state = flight.advance(actions[part, step], self.ticks)
-        return actions
+    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+        return _Flights(self, s0, seeds, ahead)
 
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
-        """Fly `actions` [N, T, 4], clipped to their bounds, from `s0` [N, 17]."""
-        horizon = actions.shape[1]
-        states = np.empty((len(s0), horizon + 1, len(self.state)), np.float32)
-        states[:, 0] = s0
-        hidden = np.full((len(s0), len(self.hidden)), MEAN_PAYLOAD, np.float32)
-        for part in _parts(len(s0)):
-            kicks: list[Floats] | list[None] = [None] * horizon
-            if noise:
-                hidden[part, 0], kicks = _chance(seeds[part], horizon, self.ticks)
-            flight = Flight(states[part, 0], hidden[part, 0], self.threads)
-            for step in range(horizon):
-                command = self._allowed(actions[part, step])
-                states[part, step + 1] = flight.advance(command, self.ticks, kicks[step])
-        return Rollout(states, hidden)
+    def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        """A `Pilot` for each scenario, whose habits come from its seed."""
+        habits = _uniform(seeds, POLICY_STREAM, HABITS)
+        duration = self.horizon * self.control_step
+        pilot = Pilot(scenarios.s0, scenarios.task, habits, duration)
+        return lambda step, states: pilot.command(step * self.control_step, states)
 
     def position(self, states: Floats) -> Floats:
         """The vehicle, [..., 3] in m."""
@@ -243,13 +243,32 @@ class Uav(Simulator):
         turned = quaternion(*np.moveaxis(states[..., ANGLES].astype(np.float64), -1, 0))
         return np.concatenate([states[..., POSITION], np.moveaxis(turned, 0, -1)], axis=-1)
 
-    def _allowed(self, actions: NDArray[np.floating]) -> Floats:
-        low, high = np.array([(v.low, v.high) for v in self.action]).T
-        return np.clip(actions, low, high).astype(np.float32)
+    def events(self, states: Floats) -> dict[str, Booleans]:
+        """Whether a flight ended on the ground, and whether its battery ran empty."""
+        return {
+            "it comes down to the ground": np.asarray((states[..., 2] <= 0).any(axis=-1)),
+            "its battery runs empty": np.asarray((states[..., BATTERY] <= 0).any(axis=-1)),
+        }
 
 
-def _parts(count: int) -> list[slice]:
-    return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
+class _Flights(Episode):
+    """N flights at once."""
+
+    def __init__(self, simulator: Uav, s0: Floats, seeds: Seeds | None, ahead: int) -> None:
+        self.hidden = np.full((len(s0), 1), MEAN_PAYLOAD, np.float32)
+        generators = []
+        if seeds is not None:
+            generators = [_generator(seed, NOISE_STREAM) for seed in seeds]
+            self.hidden[:, 0] = [MAX_PAYLOAD * generator.random() for generator in generators]
+        self._flight = Flight(s0, self.hidden[:, 0], simulator.threads)
+        self._ticks = round(simulator.control_step / self._flight.timestep)
+        self._weather = None
+        if seeds is not None:
+            self._weather = Noise(generators, (self._ticks, 4), ahead, np.float32)
+
+    def step(self, actions: Floats) -> Floats:
+        noise = None if self._weather is None else self._weather.step()
+        return self._flight.advance(actions, self._ticks, noise)
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:
@@ -259,17 +278,6 @@ def _generator(seed: int, stream: int) -> np.random.Generator:
 
 def _uniform(seeds: Seeds, stream: int, variables: tuple[Variable, ...]) -> Doubles:
     """Each variable between its bounds, [N, len(variables)]."""
-    low, high = np.array([(variable.low, variable.high) for variable in variables]).T
+    low, high = bounds(variables)
     unit = np.array([_generator(seed, stream).random(len(variables)) for seed in seeds])
     return low + (high - low) * unit.reshape(len(seeds), len(variables))
-
-
-def _chance(seeds: Seeds, horizon: int, ticks: int) -> tuple[Floats, list[Floats]]:
-    """Payloads [N] in kg, and for each control step the weather's kicks [N, ticks, 4]."""
-    payloads = np.empty(len(seeds), np.float32)
-    kicks = np.empty((len(seeds), horizon, ticks, 4), np.float32)
-    for row, seed in enumerate(seeds):
-        generator = _generator(seed, 2)
-        payloads[row] = MAX_PAYLOAD * generator.random()
-        generator.standard_normal(out=kicks[row], dtype=np.float32)
-    return payloads, list(np.moveaxis(kicks, 1, 0))

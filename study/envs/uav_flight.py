@@ -78,7 +78,9 @@ class Flight:
         self._speed_up = 1 - np.exp(-self.timestep / SPEED_UP_TIME)
         self._slow_down = 1 - np.exp(-self.timestep / SLOW_DOWN_TIME)
 
-    def advance(self, actions: Floats, ticks: int, noise: Floats | None = None) -> Floats:
+    def advance(
+        self, actions: Floats, ticks: int, noise: NDArray[np.floating] | None = None
+    ) -> Floats:
         """Hold `actions` [N, 4] for `ticks` physics steps; the states [N, 17] thereafter.
 
         Args:

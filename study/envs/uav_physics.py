@@ -10,10 +10,11 @@ framework", 2016). What it does not publish is marked "chosen".
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
+
+from study.envs.swarm import swarm
 
 Doubles = NDArray[np.float64]
 
@@ -174,8 +175,8 @@ class Bodies:
 
     def __init__(self, mass: Doubles, step: float | None = None, threads: int = 1) -> None:
         worlds = len(mass) // SWARM
-        model = _swarm(step)
-        self.timestep = float(model.opt.timestep)
+        model = swarm(MODEL, SWARM)
+        model.opt.timestep = self.timestep = step or model.opt.timestep
         self._batch = Batch(model, nsim=worlds, nthread=threads)
         self._batch.expand("body_mass")[:, 1:] = mass.reshape(worlds, SWARM)
         self._batch.set_const()
@@ -212,17 +213,3 @@ class Bodies:
     def _read(self) -> None:
         self._pose.reshape(self._qpos.shape)[...] = self._qpos
         self._motion.reshape(self._qvel.shape)[...] = self._qvel
-
-
-def _swarm(step: float | None) -> mujoco.MjModel:
-    """`SWARM` copies of the vehicle of `MODEL`, bare of everything that is only for looking at."""
-    one = mujoco.MjModel.from_xml_path(str(MODEL))
-    many = mujoco.MjSpec()
-    many.option = mujoco.MjSpec.from_file(str(MODEL)).option
-    many.option.timestep = step or one.opt.timestep
-    for _ in range(SWARM):
-        body = many.worldbody.add_body()
-        body.explicitinertial = True
-        body.mass, body.inertia = one.body("uav").mass[0], one.body("uav").inertia
-        body.add_freejoint()
-    return many.compile()

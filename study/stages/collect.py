@@ -5,17 +5,21 @@ Writes ``train.safetensors`` (Trajectories), ``validation.safetensors`` and ``te
 """
 
 import json
+import math
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from study import __version__
 from study.data.trajectories import ScenarioSet, Trajectories
-from study.envs import Simulator, simulators
+from study.envs import Simulator, Variable, simulators
 from study.files import write_json
 from study.metrics.mmd import bandwidths
 from study.progress import Progress
-from study.seeds import derive, spawn
+from study.seeds import Seeds, derive, spawn
 
 # Trajectories that are planned and rolled out at once: bounds the memory, gives progress.
 CHUNK = 1000
@@ -25,12 +29,8 @@ VALIDATION_ROLLOUTS = 4
 
 def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
     """See the module. Training, validation and test scenarios have seeds of their own."""
-    collect, environment = settings["collect"], settings["environment"]
-    simulator = simulators[environment](horizon=collect["horizon"])
-    seed = derive(environment, collect["seed"])
-    train = observe_trajectories(
-        simulator, collect["trajectories"], derive(seed, "train"), progress.part(0.0, 0.5)
-    )
+    collect, (simulator, seed) = settings["collect"], real_system(settings)
+    train = observe_training(settings, progress.part(0.0, 0.5))
     train.save(out / "train.safetensors")
     validation = observe_scenarios(
         simulator,
@@ -60,21 +60,40 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     )
 
 
+def real_system(settings: dict[str, Any]) -> tuple[Simulator, int]:
+    """The system that is observed, and the seed that all its data sets come from."""
+    environment, collect = settings["environment"], settings["collect"]
+    simulator = simulators[environment](horizon=collect["horizon"])
+    return simulator, derive(environment, collect["seed"])
+
+
+def observe_training(settings: dict[str, Any], progress: Progress) -> Trajectories:
+    """The training trajectories."""
+    simulator, seed = real_system(settings)
+    count = settings["collect"]["trajectories"]
+    return observe_trajectories(simulator, count, derive(seed, "train"), progress)
+
+
 def observe_trajectories(
     simulator: Simulator, count: int, seed: int, progress: Progress
 ) -> Trajectories:
     """`count` trajectories, each of its own scenario. The first n do not depend on `count`."""
-    scenario_seeds, noise_seeds = spawn(derive(seed, "scenario"), count), spawn(seed, count)
+    scenario_seeds, noise_seeds = trajectory_seeds(seed, count)
     parts = []
     for start in range(0, count, CHUNK):
         chunk = slice(start, start + CHUNK)
         scenarios = simulator.draw(scenario_seeds[chunk])
         actions = simulator.plan(scenarios, scenario_seeds[chunk])
         rollout = simulator.rollout(scenarios.s0, actions, noise_seeds[chunk])
-        parts.append((rollout.states, actions, rollout.hidden))
+        parts.append((rollout.states, actions, scenarios.task, rollout.hidden))
         progress(min(1.0, (start + CHUNK) / count), f"{simulator.name}: training trajectories")
-    states, actions, hidden = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return Trajectories(states, actions, hidden, _facts(simulator, seed))
+    states, actions, task, hidden = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Trajectories(states, actions, task, hidden, _facts(simulator, seed))
+
+
+def trajectory_seeds(seed: int, count: int) -> tuple[Seeds, Seeds]:
+    """Of each trajectory, the seed of its scenario [count] and that of its noise [count]."""
+    return spawn(derive(seed, "scenario"), count), spawn(seed, count)
 
 
 def observe_scenarios(
@@ -130,8 +149,11 @@ def read_kernel(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def _facts(simulator: Simulator, seed: int) -> dict[str, Any]:
-    def table(variables: tuple[Any, ...]) -> list[list[str]]:
-        return [[v.name, v.unit] for v in variables]
+    def finite(bound: float) -> float | None:
+        return bound if math.isfinite(bound) else None  # JSON has no infinity
+
+    def table(variables: tuple[Variable, ...]) -> list[dict[str, Any]]:
+        return [asdict(v) | {"low": finite(v.low), "high": finite(v.high)} for v in variables]
 
     return {
         "environment": simulator.name,
@@ -142,4 +164,5 @@ def _facts(simulator: Simulator, seed: int) -> dict[str, Any]:
         "hidden": table(simulator.hidden),
         "task": table(simulator.task),
         "seed": seed,
+        "versions": {"study": __version__} | {name: version(name) for name in ("mujoco", "numpy")},
     }

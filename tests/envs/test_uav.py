@@ -1,18 +1,17 @@
 """The UAV: its contract, its physics against formulas and a second rigid body, and its tasks."""
 
-import inspect
-
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.envs import Rollout, Simulator, simulators, uav, uav_flight, uav_pilot
+from study.envs import Simulator, simulators, uav, uav_flight, uav_pilot
 from study.envs import uav_physics as physics
 from study.envs.uav_autopilot import ALLOCATION, _mix
 from study.envs.uav_flight import Flight, Floats, _rates, _spin
 from study.envs.uav_physics import SWARM, Bodies, Doubles, Weather
 from study.seeds import Seeds, spawn
+from tests.envs import docstrings
 
 
 def still(count: int, height: float = 30.0, **columns: float) -> Floats:
@@ -39,72 +38,7 @@ def fly(simulator: Simulator, count: int, seed: int = 0) -> tuple[Floats, Floats
     return scenarios.s0, simulator.plan(scenarios, seeds), seeds
 
 
-def same(one: Rollout, other: Rollout) -> bool:
-    return np.array_equal(one.states, other.states) and np.array_equal(one.hidden, other.hidden)
-
-
-# The contract
-
-
-def test_sizes_and_start() -> None:
-    simulator = simulators["uav"](horizon=4)
-    s0, actions, seeds = fly(simulator, 5)
-    rollout = simulator.rollout(s0, actions, seeds)
-    assert (len(simulator.state), len(simulator.action)) == (17, 4)
-    assert actions.shape == (5, 4, 4)
-    assert rollout.states.shape == (5, 5, 17)
-    assert rollout.hidden.shape == (5, 1)
-    assert np.array_equal(rollout.states[:, 0], s0)
-    for array in (s0, actions, rollout.states, rollout.hidden):
-        assert array.dtype == np.float32
-
-
-@pytest.mark.parametrize("horizon", [1, 7, 65])
-def test_other_horizons(horizon: int) -> None:
-    simulator = simulators["uav"](horizon=horizon)
-    s0, actions, seeds = fly(simulator, 3)
-    rollout = simulator.rollout(s0, actions, seeds)
-    assert rollout.states.shape == (3, horizon + 1, 17)
-    assert np.isfinite(rollout.states).all()
-
-
-def test_a_shorter_flight_is_the_beginning_of_a_longer_one() -> None:
-    simulator = simulators["uav"](horizon=8)
-    s0, actions, seeds = fly(simulator, 3)
-    long, short = (simulator.rollout(s0, actions[:, :t], seeds) for t in (8, 5))
-    assert np.array_equal(long.states[:, :6], short.states)
-
-
-def test_a_flight_depends_on_its_own_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulator = simulators["uav"](horizon=12)
-    s0, actions, seeds = fly(simulator, SWARM + 9)
-    s0[3, 2], actions[3, :, 2] = 1.0, -3.0  # one that crashes
-    s0[5, 16] = 0.05  # and one that runs empty
-    whole = simulator.rollout(s0, actions, seeds)
-    assert whole.states[3, -1, 2] == 0
-    assert whole.states[5, -1, 16] == 0
-
-    order = np.random.default_rng(0).permutation(len(s0))
-    shuffled = simulator.rollout(s0[order], actions[order], seeds[order])
-    assert same(shuffled, Rollout(whole.states[order], whole.hidden[order]))
-    for pick in ([3], [5], [0, 40], list(range(7))):
-        part = simulator.rollout(s0[pick], actions[pick], seeds[pick])
-        assert same(part, Rollout(whole.states[pick], whole.hidden[pick]))
-    threaded = simulators["uav"](horizon=12, threads=2)
-    assert same(threaded.rollout(s0, actions, seeds), whole)
-    monkeypatch.setattr(uav, "CHUNK", 10)
-    assert same(simulator.rollout(s0, actions, seeds), whole)
-
-
-def test_scenario_and_plan_depend_on_their_own_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulator = simulators["uav"](horizon=10)
-    s0, actions, _ = fly(simulator, SWARM + 5, seed=1)
-    seeds = spawn(1, SWARM + 5)
-    monkeypatch.setattr(uav, "CHUNK", 3)
-    for pick in ([0], [36, 2], [7, 8, 9, 10]):
-        scenarios = simulator.draw(seeds[pick])
-        assert np.array_equal(scenarios.s0, s0[pick])
-        assert np.array_equal(simulator.plan(scenarios, seeds[pick]), actions[pick])
+# The contract (what holds for every environment is in test_contract)
 
 
 def test_other_seeds_draw_other_payloads_and_gusts() -> None:
@@ -121,57 +55,45 @@ def test_other_seeds_draw_other_payloads_and_gusts() -> None:
     assert (many.states[:, 1:, 12:15].std(axis=0) > 0).all()
 
 
-def test_without_noise_seeds_do_not_matter_and_the_payload_is_the_mean() -> None:
+def test_the_nominal_system_has_the_mean_payload_and_no_gust() -> None:
     simulator = simulators["uav"](horizon=6)
-    s0, actions, seeds = fly(simulator, 4)
-    one = simulator.rollout(s0, actions, seeds, noise=False)
-    other = simulator.rollout(s0, actions, spawn(5, 4), noise=False)
-    assert same(one, other)
-    assert (one.hidden == np.float32(physics.MEAN_PAYLOAD)).all()
-    assert (one.states[..., 12:15] == s0[:, None, 12:15]).all()
-
-
-def test_actions_are_clipped_to_their_bounds() -> None:
-    simulator = simulators["uav"](horizon=3)
-    s0, actions, seeds = fly(simulator, 2)
-    wild = actions.copy()
-    wild[:, 1] = [100.0, -100.0, 50.0, -7.0]
-    tame = actions.copy()
-    tame[:, 1] = [8.0, -8.0, 3.0, -1.0]
-    assert same(simulator.rollout(s0, wild, seeds), simulator.rollout(s0, tame, seeds))
+    s0, actions, _ = fly(simulator, 4)
+    nominal = simulator.rollout(s0, actions)
+    assert (nominal.hidden == np.float32(physics.MEAN_PAYLOAD)).all()
+    assert (nominal.states[..., 12:15] == s0[:, None, 12:15]).all()
 
 
 def test_the_docstring_says_what_the_code_does() -> None:
-    text = inspect.getdoc(uav.Uav) or ""
     cls = uav.Uav
-    tables = (cls.state, cls.action, cls.hidden, cls.task, uav.START, uav_pilot.HABITS)
-    rows = [
-        f"| {row} | {v.name} | {v.unit} | {v.meaning} | {v.low:.4g} | {v.high:.4g} |"
-        for table in tables
-        for row, v in enumerate(table)
-    ]
-    header = [
-        "| # | name | unit | meaning | low | high |",
-        "|---|------|------|---------|-----|------|",
-    ]
-    written = [line for line in text.splitlines() if line.startswith("|") and line not in header]
-    assert written == rows
-    assert f"within {cls.radius:g} m" in text
-    assert f"control step of {cls.control_step} s" in text
-    assert f"at {1 / cls(1).scene().opt.timestep:g} Hz" in text
-    assert f"horizon below {cls.default_horizon}" in text
-    assert f"payload {physics.MEAN_PAYLOAD} kg" in text
     wind = np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
     calm, breeze = physics.gust_deviations(wind).T
     level, vertical = physics.GUST_TIMES[0, 0], physics.GUST_TIMES[2, 0]
-    prose = " ".join(text.split())
-    assert (
-        f"deviation {calm[0]:g} + {breeze[0] - calm[0]:g} W m/s and correlation time {level:g} s "
-        f"level, and {calm[2]:g} + {breeze[2] - calm[2]:g} W m/s and {vertical:g} s vertically"
-    ) in prose
-    assert (
-        f"likewise, {physics.TEMPERATURE_DEVIATION:g} degC and {physics.TEMPERATURE_TIME:g} s"
-    ) in prose
+    ceiling = physics.THRUST_CONSTANT * physics.MAX_SPEED**2
+    docstrings.check(
+        cls,
+        (cls.state, cls.action, cls.hidden, cls.task, cls.drawn_from, uav_pilot.HABITS),
+        [
+            "PX4",
+            f"{physics.MASS} kg without payload",
+            f"up to {ceiling:.2f} N",
+            f"by {physics.SPEED_UP_TIME} s (faster) or {physics.SLOW_DOWN_TIME} s (slower)",
+            f"to {physics.EMPTY_VOLTAGE:.3f} of the full one's",
+            f"holds {physics.ENERGY / 3600} Wh",
+            f"draw {physics.AVIONICS_POWER:g} W",
+            f"autopilot run at {1 / cls(1).scene().opt.timestep:g} Hz",
+            f"within {cls.radius:g} m of the target at any step of the horizon",
+            f"the rest of s0 zero; `rise` shrinks with a horizon below {cls.default_horizon}",
+            "the wind of s0",
+            f"deviation {calm[0]:g} + {breeze[0] - calm[0]:g} W m/s and correlation time "
+            f"{level:g} s level, and {calm[2]:g} + {breeze[2] - calm[2]:g} W m/s and "
+            f"{vertical:g} s vertically",
+            f"{physics.TEMPERATURE_DEVIATION:g} degC and {physics.TEMPERATURE_TIME:g} s",
+            f"payload {physics.MEAN_PAYLOAD} kg",
+            f"{cls.default_horizon} control steps of {cls.control_step} s",
+            f"at most at {uav_pilot.MAX_SPEED:g} m/s level",
+            "comes down to z = 0 stays",
+        ],
+    )
 
 
 def test_scenarios_lie_within_their_bounds() -> None:
@@ -218,14 +140,27 @@ class NumpyBodies(Bodies):
 
 
 def test_mujoco_agrees_with_an_independent_rigid_body(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulator = simulators["uav"](horizon=40)
-    s0, actions, seeds = fly(simulator, SWARM, seed=3)
+    """Over whole flights in gusts, with the states as they are before rounding to float32."""
+    simulator = simulators["uav"]()
+    s0, actions, _ = fly(simulator, SWARM, seed=3)
     s0[3, 2], actions[3, :, 2] = 3.0, -3.0  # one that crashes
-    ours = simulator.rollout(s0, actions, seeds).states
+    payload = np.linspace(0, physics.MAX_PAYLOAD, SWARM)
+    ours = Flight(s0, payload)
     monkeypatch.setattr(uav_flight, "Bodies", NumpyBodies)
-    theirs = simulator.rollout(s0, actions, seeds).states
-    # What is left is the rounding of the states to float32.
-    np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-6)
+    theirs = Flight(s0, payload)
+    assert isinstance(theirs.bodies, NumpyBodies)
+    ticks = round(simulator.control_step / ours.timestep)
+    generator = np.random.default_rng(0)
+    for step in range(simulator.horizon):
+        gusts = generator.standard_normal((SWARM, ticks, 4), np.float32)
+        for flight in (ours, theirs):
+            flight.advance(actions[:, step], ticks, gusts)
+        for quantity in ("position", "velocity", "quaternion", "spin"):
+            one, other = (getattr(flight.bodies, quantity) for flight in (ours, theirs))
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(ours.battery, theirs.battery, rtol=1e-9)
+    assert ours.crashed[3]
+    assert not ours.crashed.all()
 
 
 def test_a_vehicle_of_the_swarm_moves_like_the_one_of_the_scene() -> None:
@@ -430,7 +365,7 @@ def test_plans_reach_the_target_on_the_nominal_system() -> None:
     seeds = spawn(6, 100)
     scenarios = simulator.draw(seeds)
     actions = simulator.plan(scenarios, seeds)
-    nominal = simulator.rollout(scenarios.s0, actions, seeds, noise=False)
+    nominal = simulator.rollout(scenarios.s0, actions)
     assert simulator.outcome(nominal.states[:, 1:], scenarios.task).mean() >= 0.85
     noisy = simulator.rollout(scenarios.s0, actions, seeds)
     assert 0.3 < simulator.outcome(noisy.states[:, 1:], scenarios.task).mean() < 0.75

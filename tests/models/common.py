@@ -20,7 +20,8 @@ def trajectories(count: int = 12, seed: int = 0) -> Trajectories:
     actions = generator.normal(size=(count, HORIZON, ACTION)).astype(np.float32)
     changes = generator.normal(size=(count, HORIZON + 1, STATE)) * [1.0, 5.0, 0.1] + 1.0
     states = changes.cumsum(axis=1).astype(np.float32)
-    return Trajectories(states, actions, np.zeros((count, 0), np.float32), {})
+    nothing = np.zeros((count, 0), np.float32)
+    return Trajectories(states, actions, nothing, nothing, {})
 
 
 def settings(**vae: Any) -> dict[str, Any]:

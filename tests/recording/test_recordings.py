@@ -63,12 +63,13 @@ def test_a_diverged_forecast_is_recorded(tmp_path: Path) -> None:
 
 def test_a_forecast_recording_is_small(tmp_path: Path) -> None:
     simulator = toy.Puck(horizon=120)
+    picks = toy.picks(simulator, 8, 100)
     # Three times the state, as long and as many scenarios as the largest real recording has.
     simulator.state = tuple(  # type: ignore[misc]
         type(v)(f"{v.name}{turn}", v.unit, v.meaning) for turn in range(3) for v in toy.Puck.state
     )
     wide = []
-    for pick in toy.picks(simulator, 8, 100):
+    for pick in picks:
         pick = type(pick)(
             **{
                 **vars(pick),

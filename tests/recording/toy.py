@@ -6,7 +6,16 @@ import mujoco
 import numpy as np
 import pandas as pd
 
-from study.envs.simulator import Doubles, Floats, Rollout, Scenarios, Simulator, Variable
+from study.envs.noise import Noise
+from study.envs.simulator import (
+    Doubles,
+    Episode,
+    Floats,
+    Policy,
+    Scenarios,
+    Simulator,
+    Variable,
+)
 from study.recording.forecasts import Pick
 from study.seeds import Seeds, spawn
 
@@ -38,6 +47,7 @@ class Puck(Simulator):
     """State (x, y, ẋ, ẏ): a random walk that forces push; the task is to come close to a point."""
 
     name: ClassVar[str] = "puck"
+    title: ClassVar[str] = "Puck"
     version: ClassVar[int] = 1
     state: ClassVar[tuple[Variable, ...]] = (
         Variable("x", "m", "position, east"),
@@ -49,7 +59,6 @@ class Puck(Simulator):
         Variable("f_x", "N", "force, east"),
         Variable("f_y", "N", "force, north"),
     )
-    hidden: ClassVar[tuple[Variable, ...]] = ()
     task: ClassVar[tuple[Variable, ...]] = action
     default_horizon: ClassVar[int] = 30
     control_step: ClassVar[float] = 0.1
@@ -59,16 +68,11 @@ class Puck(Simulator):
         s0 = np.zeros((len(seeds), 4), dtype=np.float32)
         return Scenarios(s0, np.full((len(seeds), 2), 0.8, dtype=np.float32))
 
-    def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
-        return np.repeat(scenarios.task[:, None], self.horizon, axis=1) * np.float32(0.15)
+    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+        return Slide(self.control_step, s0, seeds)
 
-    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds, noise: bool = True) -> Rollout:
-        draws = np.stack([np.random.default_rng(s).normal(size=actions.shape[1:]) for s in seeds])
-        velocity = np.cumsum(actions + 0.4 * noise * draws, axis=1) * self.control_step
-        position = np.cumsum(velocity, axis=1) * self.control_step
-        after = s0[:, None] + np.concatenate([position, velocity], axis=-1)
-        states = np.concatenate([s0[:, None], after], axis=1).astype(np.float32)
-        return Rollout(states, np.empty((len(s0), 0), dtype=np.float32))
+    def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        return lambda t, states: scenarios.task * np.float32(0.15)
 
     def position(self, states: Floats) -> Floats:
         flat = np.zeros((*states.shape[:-1], 3), dtype=np.float32)
@@ -85,6 +89,25 @@ class Puck(Simulator):
     def configuration(self, states: Floats) -> Doubles:
         turn = np.arctan2(states[..., 3:4], states[..., 2:3])
         return np.concatenate([states[..., :2], turn], axis=-1).astype(np.float64)
+
+
+class Slide(Episode):
+    """N pucks at once."""
+
+    def __init__(self, control_step: float, s0: Floats, seeds: Seeds | None) -> None:
+        self.control_step, self.states = control_step, s0.astype(np.float64)
+        self.hidden = np.empty((len(s0), 0), np.float32)
+        self.noise = None
+        if seeds is not None:
+            self.noise = Noise([np.random.default_rng(s) for s in seeds], (2,), 1)
+
+    def step(self, actions: Floats) -> Floats:
+        force = actions if self.noise is None else actions + 0.4 * self.noise.step()
+        position, velocity = self.states[:, :2], self.states[:, 2:]
+        velocity = velocity + force * self.control_step
+        position = position + velocity * self.control_step
+        self.states = np.concatenate([position, velocity], axis=-1)
+        return self.states.astype(np.float32)
 
 
 def picks(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Pick]:

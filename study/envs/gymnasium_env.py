@@ -1,0 +1,140 @@
+"""Any simulator as a Gymnasium environment: the same dynamics, one trajectory, one step at a time.
+
+import gymnasium, study.envs
+env = gymnasium.make("study/Pusher-v0", render_mode="rgb_array")
+"""
+
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from study.envs.simulator import Doubles, Episode, Floats, Scenarios, bounds, simulators
+from study.rendering import drawing
+from study.rendering.offscreen import renderer
+
+WIDTH, HEIGHT = 640, 480
+
+
+class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
+    """One trajectory of a simulator.
+
+    *Observation*, [D + G] float32: the state in SI units, then the task. The simulator's tables say
+    what they hold.
+
+    *Action*, [A] float64: each component of the simulator's action, scaled so that −1 is its low
+    bound and 1 its high one; beyond counts as the bound.
+
+    *Reward*: 1 at the step at which the task first succeeds, otherwise 0. So the return is the
+    outcome whose probability the study forecasts.
+
+    *End*: an episode is truncated after the horizon, and nothing ends it before: a forecast covers
+    the whole horizon, whatever happens on the way.
+
+    *Info*: ``hidden`` [H] float32, what no model sees; ``success``, whether the task has succeeded.
+
+    *Reset*: ``options`` may give ``scenario`` and ``noise``, seeds of the batched simulator, to
+    repeat `simulator.draw([scenario])` and `simulator.rollout(s0, actions, [noise])` exactly;
+    and ``noise: None`` is the nominal system.
+
+    Args:
+        simulator: name of a registered simulator.
+        horizon: control steps T; the environment's own if None.
+        render_mode: None or ``rgb_array``.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self, simulator: str, horizon: int | None = None, render_mode: str | None = None
+    ) -> None:
+        self.simulator = simulators[simulator](horizon)
+        self.metadata = self.metadata | {"render_fps": 1 / self.simulator.control_step}
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode: got '{render_mode}'; it can be 'rgb_array' or None")
+        self.render_mode = render_mode
+        low, high = bounds((*self.simulator.state, *self.simulator.task))
+        self.observation_space = Box(low.astype(np.float32), high.astype(np.float32))
+        # Float64, so that an action in SI units comes back from its scaled form exactly.
+        size = (len(self.simulator.action),)
+        self.action_space = Box(-1.0, 1.0, size, np.float64)
+        self._low, self._high = bounds(self.simulator.action)
+        self._episode: Episode | None = None
+        self._scenario: Scenarios
+        self._state: Floats
+        self._renderer: mujoco.Renderer | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """A new scenario, drawn from the seed or named by `options`."""
+        super().reset(seed=seed)
+        drawn = self.np_random.integers(2**64, size=2, dtype=np.uint64)
+        seeds = {"scenario": drawn[0], "noise": drawn[1]} | (options or {})
+        if unknown := seeds.keys() - {"scenario", "noise"}:
+            raise ValueError(f"options: got {sorted(unknown)}; allowed are 'scenario' and 'noise'")
+        noise = seeds["noise"]
+        self._scenario = self.simulator.draw(np.array([seeds["scenario"]], np.uint64))
+        self._state = self._scenario.s0
+        self._episode = self.simulator.start(
+            self._state, None if noise is None else np.array([noise], np.uint64)
+        )
+        self._steps, self._success = 0, False
+        return self._observation(), self._info()
+
+    def step(self, action: NDArray[Any]) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Hold the action for one control step."""
+        if self._episode is None:
+            raise RuntimeError("reset the environment before its first step")
+        self._state = self._episode.step(self.physical(action)[None])
+        self._steps += 1
+        reached = bool(self.simulator.outcome(self._state[:, None], self._scenario.task)[0])
+        reward = float(reached and not self._success)
+        self._success |= reached
+        truncated = self._steps >= self.simulator.horizon
+        return self._observation(), reward, False, truncated, self._info()
+
+    def physical(self, action: NDArray[Any]) -> Floats:
+        """Actions [..., A] in SI units, of scaled ones [..., A]."""
+        middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
+        return self.simulator.bounded(middle + half * np.asarray(action, np.float64))
+
+    def scaled(self, action: Floats) -> Doubles:
+        """Actions [..., A] between −1 and 1, of those in SI units [..., A]."""
+        middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
+        return np.asarray(np.clip((action.astype(np.float64) - middle) / half, -1.0, 1.0))
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The scene with the target, [480, 640, 3]; None without a render mode.
+
+        Raises:
+            StudyError: there is no OpenGL to draw with.
+        """
+        if self.render_mode is None or self._episode is None:
+            return None
+        if self._renderer is None:
+            self._scene = self.simulator.scene()
+            self._renderer = renderer(self._scene, HEIGHT, WIDTH)
+        configuration = self.simulator.configuration(self._state)[0]
+        camera = 0 if self._scene.ncam else -1
+        self._renderer.update_scene(drawing.pose(self._scene, configuration), camera)
+        target = self.simulator.target(self._scenario.task)[0].astype(np.float64)
+        radius = self.simulator.radius
+        drawing.add_target(self._renderer.scene, target, radius, 6 * radius)
+        return np.array(self._renderer.render())
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _observation(self) -> Floats:
+        return np.concatenate([self._state[0], self._scenario.task[0]])
+
+    def _info(self) -> dict[str, Any]:
+        assert self._episode is not None
+        return {"hidden": self._episode.hidden[0].copy(), "success": self._success}

@@ -1,0 +1,171 @@
+"""What holds for every environment: shapes, bounds, seeds, and one step after the other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from study.envs import Rollout, Scenarios, Simulator, simulators
+from study.envs.simulator import Floats
+from study.seeds import Seeds, spawn
+from tests import toys
+
+assert toys.Cart.name == "cart"
+COUNT = 43  # fills no swarm
+
+
+@dataclass(frozen=True)
+class World:
+    """An environment, and what happened in it."""
+
+    simulator: Simulator
+    seeds: Seeds
+    scenarios: Scenarios
+    actions: Floats
+    noisy: Rollout
+
+
+@pytest.fixture(scope="module", params=["pusher", "uav", "cart"])
+def world(request: pytest.FixtureRequest) -> World:
+    simulator, seeds = simulators[request.param](), spawn(7, COUNT)
+    scenarios = simulator.draw(seeds)
+    if request.param == "uav":
+        scenarios.s0[3, 2] = 1.0  # one that crashes
+        scenarios.s0[5, 16] = 0.05  # and one that runs empty
+    actions = simulator.plan(scenarios, seeds)
+    return World(
+        simulator, seeds, scenarios, actions, simulator.rollout(scenarios.s0, actions, seeds)
+    )
+
+
+def test_arrays_have_the_sizes_of_the_tables(world: World) -> None:
+    simulator, horizon = world.simulator, world.simulator.default_horizon
+    tables = (simulator.state, simulator.action, simulator.task, simulator.hidden)
+    d, a, g, h = map(len, tables)
+    assert world.noisy.states.shape == (COUNT, horizon + 1, d)
+    assert world.actions.shape == (COUNT, horizon, a)
+    assert world.scenarios.task.shape == (COUNT, g)
+    assert world.noisy.hidden.shape == (COUNT, h)
+    for array in (world.scenarios.s0, world.scenarios.task, world.actions):
+        assert array.dtype == np.float32
+    assert world.noisy.states.dtype == world.noisy.hidden.dtype == np.float32
+    for table in tables:
+        assert len({variable.name for variable in table}) == len(table)
+
+
+def test_numbers_lie_within_the_bounds_of_the_tables(world: World) -> None:
+    simulator = world.simulator
+    tables = (simulator.state, simulator.action, simulator.task, simulator.hidden)
+    arrays = (world.noisy.states, world.actions, world.scenarios.task, world.noisy.hidden)
+    for table, array in zip(tables, arrays, strict=True):
+        for column, variable in enumerate(table):
+            assert array[..., column].min() >= np.float32(variable.low), variable
+            assert array[..., column].max() <= np.float32(variable.high), variable
+
+
+def test_no_actions_drive_the_state_out_of_its_bounds(world: World) -> None:
+    simulator = world.simulator
+    low, high = np.array([(v.low, v.high) for v in simulator.action]).T
+    generator = np.random.default_rng(0)
+    wild = generator.uniform(low, high, (COUNT, simulator.horizon, len(low)))
+    wild[::3] = np.where(wild[::3, :1] > 0, high, low)  # full power, one way
+    states = simulator.rollout(world.scenarios.s0, wild.astype(np.float32), world.seeds).states
+    for column, variable in enumerate(simulator.state):
+        assert states[..., column].min() >= np.float32(variable.low), variable
+        assert states[..., column].max() <= np.float32(variable.high), variable
+
+
+@pytest.mark.parametrize("horizon", [1, 7, 65])
+def test_any_horizon(world: World, horizon: int) -> None:
+    simulator = simulators[world.simulator.name](horizon)
+    scenarios = simulator.draw(world.seeds[:3])
+    actions = simulator.plan(scenarios, world.seeds[:3])
+    states = simulator.rollout(scenarios.s0, actions, world.seeds[:3]).states
+    assert actions.shape[:2] == (3, horizon)
+    assert states.shape[:2] == (3, horizon + 1)
+    assert np.isfinite(states).all()
+
+
+def test_a_rollout_begins_at_s0_and_a_shorter_one_is_its_beginning(world: World) -> None:
+    s0, actions = world.scenarios.s0[:9], world.actions[:9, :8]
+    short = world.simulator.rollout(s0, actions, world.seeds[:9]).states
+    np.testing.assert_array_equal(short, world.noisy.states[:9, :9])
+    np.testing.assert_array_equal(world.noisy.states[:, 0], world.scenarios.s0)
+    middle = world.noisy.states[:9, 10]
+    resumed = world.simulator.rollout(middle, actions, world.seeds[:9]).states
+    np.testing.assert_array_equal(resumed[:, 0], middle)
+
+
+@pytest.mark.parametrize(
+    ("rows", "threads", "at_once"),
+    [
+        (np.arange(1), 1, 2048),
+        (np.arange(5, 22), 1, 2048),
+        (np.arange(COUNT)[::-1], 1, 2048),
+        (np.arange(COUNT), 2, 2048),
+        (np.arange(COUNT), 1, 10),
+        (np.random.default_rng(0).permutation(COUNT)[:23], 3, 7),
+    ],
+    ids=["alone", "17", "reversed", "2 threads", "10 at once", "shuffled, 3 threads, 7 at once"],
+)
+def test_a_trajectory_depends_on_its_own_seed_alone(
+    world: World,
+    rows: np.ndarray,
+    threads: int,
+    at_once: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulator = simulators[world.simulator.name](threads=threads)
+    monkeypatch.setattr(type(simulator), "at_once", at_once)
+    drawn, expected = simulator.draw(world.seeds[rows]), world.simulator.draw(world.seeds)
+    np.testing.assert_array_equal(drawn.s0, expected.s0[rows])
+    np.testing.assert_array_equal(drawn.task, expected.task[rows])
+    scenarios = Scenarios(world.scenarios.s0[rows], world.scenarios.task[rows])
+    planned = simulator.plan(scenarios, world.seeds[rows])
+    np.testing.assert_array_equal(planned, world.actions[rows])
+    again = simulator.rollout(scenarios.s0, world.actions[rows], world.seeds[rows])
+    np.testing.assert_array_equal(again.states, world.noisy.states[rows])
+    np.testing.assert_array_equal(again.hidden, world.noisy.hidden[rows])
+
+
+def test_noise_drawn_ahead_is_the_noise_drawn_step_by_step(world: World) -> None:
+    s0, seeds = world.scenarios.s0[:5], world.seeds[:5]
+    for ahead in (1, 3):
+        episode = world.simulator.start(s0, seeds, ahead)
+        for t in range(7):
+            states = episode.step(world.actions[:5, t])
+            np.testing.assert_array_equal(states, world.noisy.states[:5, t + 1])
+
+
+def test_noise_differs_between_seeds_and_is_absent_without(world: World) -> None:
+    s0, simulator = world.scenarios.s0, world.simulator
+    other = simulator.rollout(s0, world.actions, spawn(8, COUNT)).states[:, -1]
+    assert (other != world.noisy.states[:, -1]).any(axis=1).all()
+    nominal = simulator.rollout(s0, world.actions).states
+    np.testing.assert_array_equal(simulator.rollout(s0, world.actions).states, nominal)
+    # The plan was made in closed loop with the nominal system: replayed, it gives the same way.
+    policy, states = simulator.policy(world.scenarios, world.seeds), s0
+    episode = simulator.start(s0)
+    for t in range(simulator.horizon):
+        states = episode.step(simulator.bounded(policy(t, states)))
+    np.testing.assert_array_equal(states, nominal[:, -1])
+
+
+def test_actions_beyond_their_bounds_count_as_the_bounds(world: World) -> None:
+    low, high = np.array([(v.low, v.high) for v in world.simulator.action], np.float32).T
+    wild = np.where(np.arange(5)[:, None] % 2, 10 * low, 10 * high)[None].repeat(3, 0)
+    tame = np.where(np.arange(5)[:, None] % 2, low, high)[None].repeat(3, 0)
+    s0, seeds = world.scenarios.s0[:3], world.seeds[:3]
+    one, other = (world.simulator.rollout(s0, a, seeds).states for a in (wild, tame))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_scenarios_vary(world: World) -> None:
+    assert (world.scenarios.task.std(axis=0) > 0).all()
+    assert (world.scenarios.s0.std(axis=0) > 0).any()
+
+
+def test_events_are_named_and_one_a_trajectory(world: World) -> None:
+    for name, happened in world.simulator.events(world.noisy.states).items():
+        assert happened.shape == (COUNT,), name
+        assert happened.dtype == np.bool_

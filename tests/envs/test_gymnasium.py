@@ -1,0 +1,126 @@
+"""The Gymnasium environments: their contract, and the same dynamics as the batched simulators."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from study.envs import gymnasium_id, simulators
+from study.envs.gymnasium_env import SimulatorEnv
+from study.seeds import spawn
+from tests import toys
+
+NAMES = ["pusher", "uav", toys.Cart.name]
+
+
+def make(name: str, **options: object) -> SimulatorEnv:
+    environment = gymnasium.make(gymnasium_id(simulators[name]), **options).unwrapped  # type: ignore[arg-type]
+    assert isinstance(environment, SimulatorEnv)
+    return environment
+
+
+def test_the_names() -> None:
+    assert gymnasium_id(simulators["pusher"]) == "study/Pusher-v0"
+    assert gymnasium_id(simulators["uav"]) == "study/UAV-v0"
+
+
+def test_a_program_that_knows_only_gymnasium_can_make_them() -> None:
+    program = "import gymnasium; print(gymnasium.make('study.envs:study/UAV-v0').reset(seed=0)[1])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "success" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("name", ["pusher", "uav"])
+def test_check_env_has_no_complaint(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make(name))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whole_trajectories_are_those_of_the_batched_simulator(name: str) -> None:
+    """The contract asks for 1e-9; they are the same numbers."""
+    simulator, seeds = simulators[name](), spawn(1, 12)
+    scenarios = simulator.draw(seeds)
+    actions = simulator.plan(scenarios, seeds)
+    noise = spawn(2, 12)
+    batched = simulator.rollout(scenarios.s0, actions, noise)
+    succeeded = simulator.outcome(batched.states[:, 1:], scenarios.task)
+    environment, size = make(name), len(simulator.state)
+    for row in (0, 5):
+        seeds_of_row = {"scenario": seeds[row], "noise": noise[row]}
+        observation, info = environment.reset(options=seeds_of_row)
+        states, total = [observation[:size]], 0.0
+        for action in actions[row]:
+            observation, reward, terminated, truncated, info = environment.step(
+                environment.scaled(action)
+            )
+            assert not terminated
+            assert truncated == (len(states) == simulator.horizon)
+            states.append(observation[:size])
+            total += reward
+        np.testing.assert_allclose(states, batched.states[row], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(states, batched.states[row])
+        np.testing.assert_array_equal(observation[size:], scenarios.task[row])
+        np.testing.assert_array_equal(info["hidden"], batched.hidden[row])
+        assert total == info["success"] == succeeded[row]
+
+
+def test_the_nominal_system_can_be_asked_for() -> None:
+    simulator, seeds = simulators["pusher"](), spawn(3, 1)
+    scenarios = simulator.draw(seeds)
+    actions = simulator.plan(scenarios, seeds)
+    nominal = simulator.rollout(scenarios.s0, actions).states[0]
+    environment = make("pusher")
+    environment.reset(options={"scenario": seeds[0], "noise": None})
+    states = [environment.step(environment.scaled(action))[0][:12] for action in actions[0]]
+    np.testing.assert_array_equal(states, nominal[1:])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_seed_names_scenario_and_noise(name: str) -> None:
+    def play(seed: int) -> np.ndarray:
+        environment = make(name)
+        first, _ = environment.reset(seed=seed)
+        environment.action_space.seed(0)
+        steps = [environment.step(environment.action_space.sample())[0] for _ in range(5)]
+        return np.stack([first, *steps, environment.reset()[0]])
+
+    one = play(4)
+    np.testing.assert_array_equal(one, play(4))
+    assert (one != play(5)).any()
+    assert (one[0] != one[-1]).any()  # the next episode is another scenario
+
+
+@pytest.mark.parametrize("name", ["pusher", "uav"])
+def test_actions_are_scaled_to_the_bounds_and_back(name: str) -> None:
+    environment = make(name)
+    low, high = np.array([(v.low, v.high) for v in environment.simulator.action], np.float32).T
+    ones = np.ones(len(low))
+    np.testing.assert_array_equal(environment.physical(-ones), low)
+    np.testing.assert_array_equal(environment.physical(3 * ones), high)
+    given = np.random.default_rng(0).uniform(low, high, (10_000, len(low))).astype(np.float32)
+    scaled = environment.scaled(given)
+    assert np.abs(scaled).max() <= 1
+    np.testing.assert_array_equal(environment.physical(scaled), given)
+
+
+def test_the_horizon_is_a_setting() -> None:
+    environment = make("pusher", horizon=3)
+    environment.reset(seed=0)
+    ends = [environment.step(np.zeros(2))[3] for _ in range(3)]
+    assert ends == [False, False, True]
+
+
+def test_misuse_gets_one_clear_line() -> None:
+    environment = make("pusher")
+    with pytest.raises(ValueError, match=r"options: got \['scenaro'\]; allowed are"):
+        environment.reset(options={"scenaro": 1})
+    with pytest.raises(RuntimeError, match="reset the environment"):
+        make("pusher").step(np.zeros(2))
+    with pytest.raises(ValueError, match="render_mode"):
+        SimulatorEnv("pusher", render_mode="human")
