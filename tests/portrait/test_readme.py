@@ -72,7 +72,7 @@ def test_the_committed_page_is_of_this_code(name: str) -> None:
     text = PAGE.read_text()
     cls = simulators[name]
     assert (inspect.getdoc(cls) or "") in text
-    section = text[text.index(f"## {cls.title}:") :]
+    section = text[text.index(f"## {cls.title}:") :].split("\n## ")[0]
     rollouts = 16
     seed = derive(derive(name, 0), "test")
     observed = observe_scenarios(cls(threads=2), 250, rollouts, seed, Progress())
