@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from study.envs.noise import Noise
-from study.envs.pusher_policy import Habits, arm_end, torques
+from study.envs.pusher_policy import LINK, Habits, arm_end, torques
 from study.envs.registration import register
 from study.envs.simulator import (
     Booleans,
@@ -249,6 +249,14 @@ class Pusher(Simulator):
             "the ball is grazed": hit & grazes,
             "the ball is missed": ~hit,
             "the ball runs into a cushion": (np.abs(states[..., 8:10]) > edge).any(axis=(-1, -2)),
+        }
+
+    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
+        """Also: whether the ball ends at its target, and stays within the arm's reach."""
+        from_shoulder = np.linalg.norm(states[..., 8:10], axis=-1)
+        return super().outcomes(states, task) | {
+            "ends at the target": self.outcome(states[..., -1:, :], task),
+            "stays within reach": np.asarray((from_shoulder <= 2 * LINK).all(axis=-1)),
         }
 
     def _on_table(self, points: Floats) -> Floats:

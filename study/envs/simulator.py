@@ -209,6 +209,13 @@ class Simulator(ABC):
         distance = np.linalg.norm(self.position(states) - self.target(task)[..., None, :], axis=-1)
         return np.asarray((distance <= self.radius).any(axis=-1))
 
+    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
+        """All that is asked of a trajectory, by name, the task itself first: [...] each.
+
+        Arguments as of `outcome`. A state that is not finite is never where it should be.
+        """
+        return {"reaches the target": self.outcome(states, task)}
+
     def _parts(self, count: int) -> list[slice]:
         return [slice(start, start + self.at_once) for start in range(0, count, self.at_once)]
 

@@ -23,6 +23,8 @@ from study.envs.uav_physics import MAX_PAYLOAD, MEAN_PAYLOAD, MODEL, quaternion
 from study.envs.uav_pilot import HABITS, Pilot
 from study.seeds import Seeds
 
+SAFE_HEIGHT, RESERVE = 15.0, 30.0
+"""m and %: what two of the outcomes ask for."""
 SCENARIO_STREAM, POLICY_STREAM, NOISE_STREAM = 0, 1, 2
 """Keep apart what is drawn from the same seed."""
 
@@ -248,6 +250,14 @@ class Uav(Simulator):
         return {
             "it comes down to the ground": np.asarray((states[..., 2] <= 0).any(axis=-1)),
             "its battery runs empty": np.asarray((states[..., BATTERY] <= 0).any(axis=-1)),
+        }
+
+    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
+        """Also: whether it ends at its target, stays high enough, and keeps a reserve of charge."""
+        return super().outcomes(states, task) | {
+            "ends at the target": self.outcome(states[..., -1:, :], task),
+            f"stays above {SAFE_HEIGHT:g} m": np.asarray((states[..., 2] > SAFE_HEIGHT).all(-1)),
+            f"keeps {RESERVE:g} % of charge": np.asarray((states[..., BATTERY] > RESERVE).all(-1)),
         }
 
 

@@ -169,3 +169,19 @@ def test_events_are_named_and_one_a_trajectory(world: World) -> None:
     for name, happened in world.simulator.events(world.noisy.states).items():
         assert happened.shape == (COUNT,), name
         assert happened.dtype == np.bool_
+
+
+def test_outcomes_are_named_and_the_task_comes_first(world: World) -> None:
+    states, task = world.noisy.states[:, 1:], world.scenarios.task
+    found = world.simulator.outcomes(states, task)
+    first = next(iter(found))
+    np.testing.assert_array_equal(found[first], world.simulator.outcome(states, task))
+    broken = states.copy()
+    broken[:, -1] = np.nan
+    fan = np.repeat(states[:, None], 2, axis=1)
+    for name, happened in found.items():
+        assert happened.shape == (COUNT,), name
+        assert happened.dtype == np.bool_
+        assert world.simulator.outcomes(fan, task[:, None])[name].shape == (COUNT, 2)
+        if name != first:  # the task may have succeeded before
+            assert not world.simulator.outcomes(broken, task)[name].any(), name
