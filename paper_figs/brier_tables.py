@@ -8,13 +8,22 @@ success, what a forecast without any knowledge of the scenario scores).
 """
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from paper_figs.results import command, environments, in_order, levels, models, read_scores
+from paper_figs.results import (
+    command,
+    environments,
+    failed_cells,
+    in_order,
+    levels,
+    models,
+    read_scores,
+)
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
 from study.paper import BRIER, ENSEMBLE, LEVELS, MODELS, ORACLE, label
@@ -29,6 +38,7 @@ class Entry:
     ours: Interval | None
     paper: float | None
     best: bool = False
+    failed: bool = False
 
 
 Row = dict[str, Entry]
@@ -48,7 +58,8 @@ def draw(results: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        table = rows(scores[scores["environment"] == environment], environment)
+        own = scores[scores["environment"] == environment]
+        table = rows(own, environment, failed_cells(results))
         for suffix, text in (
             ("md", to_markdown(environment, table)),
             ("tex", to_latex(environment, table)),
@@ -59,8 +70,10 @@ def draw(results: Path) -> list[Path]:
     return written
 
 
-def rows(scores: pd.DataFrame, environment: str) -> dict[str, Row]:
-    """The table of one environment: level, then column, to entry.
+def rows(
+    scores: pd.DataFrame, environment: str, failed: Collection[tuple[str, str, str]] = ()
+) -> dict[str, Row]:
+    """The table of one environment: level, then column, to entry; `failed` names cells that did.
 
     The paper's levels and models are always there, with or without scores; others follow them.
     """
@@ -74,6 +87,7 @@ def rows(scores: pd.DataFrame, environment: str) -> dict[str, Row]:
             model: Entry(
                 _measure(scores, "brier", environment, level, model),
                 BRIER.get((environment, level, model)),
+                failed=(environment, level, model) in failed,
             )
             for model in (*learned, *references)
         }
@@ -102,10 +116,10 @@ def _mark_best(row: Row, learned: list[str]) -> Row:
     """The lowest score of the learned models, which the paper prints bold."""
     scored = {model: ours.estimate for model in learned if (ours := row[model].ours) is not None}
     best = min(scored, key=scored.__getitem__, default=None)
-    return {name: Entry(entry.ours, entry.paper, name == best) for name, entry in row.items()}
+    return {name: replace(entry, best=name == best) for name, entry in row.items()}
 
 
-MISSING = "no score: the cell failed or was not run"
+MISSING = "not run"
 
 
 def to_markdown(environment: str, table: dict[str, Row]) -> str:
@@ -126,7 +140,7 @@ def to_markdown(environment: str, table: dict[str, Row]) -> str:
 
 def _markdown_entry(entry: Entry) -> str:
     if entry.ours is None:
-        text = "—"
+        text = "failed" if entry.failed else "—"
     else:
         mean = f"{entry.ours.estimate:.3f}"
         text = f"**{mean}**" if entry.best else mean
@@ -163,7 +177,7 @@ def _latex_line(head: str, cells: list[str]) -> str:
 
 def _latex_mean(entry: Entry) -> str:
     if entry.ours is None:
-        return "---"
+        return "failed" if entry.failed else "---"
     mean = f"{entry.ours.estimate:.3f}"
     return f"\\textbf{{{mean}}}" if entry.best else mean
 
@@ -201,7 +215,8 @@ def _counts(table: dict[str, Row]) -> str:
 
 
 def _notes(table: dict[str, Row]) -> list[str]:
-    missing = any(entry.ours is None for row in table.values() for entry in row.values())
+    entries = [entry for row in table.values() for entry in row.values()]
+    missing = any(entry.ours is None and not entry.failed for entry in entries)
     return [f"— {MISSING}."] if missing else []
 
 

@@ -5,6 +5,8 @@
 Curves are averages over scenarios, state dimensions and seeds; bands are 95 % intervals by a
 bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are those of
 MMD, and the floor stays visible: the oracle's unbiased MMD² is zero on average, and dips below.
+Dotted lines are a ruler: the MMD² of right forecasts that are shifted by 0.1, 0.3 and 1 standard
+deviation of the observed rollouts.
 """
 
 import sys
@@ -28,6 +30,9 @@ Doubles = NDArray[np.float64]
 
 RESAMPLES = 1000
 
+RULER = {f"mmd2_shift_{shift}": f"{shift} sd" for shift in ("0.1", "0.3", "1")}
+"""Metrics of the oracle's cells, and what stands beside their lines."""
+
 TICKS = np.array([0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0])
 
 
@@ -39,16 +44,22 @@ def draw(results: Path) -> list[Path]:
     """
     scores = read_scores(results)
     curves = scores[(scores["metric"] == "mmd2") & (scores["scenario"] >= 0) & (scores["step"] > 0)]
+    ruler = scores[scores["metric"].isin(RULER) & (scores["step"] > 0)]
     written = []
     for environment in environments(curves):
         stem = results / "figures" / f"mmd_{environment}"
         written += _draw_environment(
-            curves[curves["environment"] == environment], environment, stem
+            curves[curves["environment"] == environment],
+            ruler[ruler["environment"] == environment],
+            environment,
+            stem,
         )
     return written
 
 
-def _draw_environment(curves: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+def _draw_environment(
+    curves: pd.DataFrame, ruler: pd.DataFrame, environment: str, stem: Path
+) -> list[Path]:
     palette = style.colours(models(curves))
     counts = {}
     with mpl.rc_context(style.context()):
@@ -61,6 +72,7 @@ def _draw_environment(curves: pd.DataFrame, environment: str, stem: Path) -> lis
                     continue
                 counts[model] = values.shape[:2]
                 _curve(axes, values, model, level, palette[model])
+        _ruler(axes, ruler)
         _finish(axes, environment, counts)
         _legend(axes, counts, levels(curves), palette)
         return style.save(drawing, stem)
@@ -81,6 +93,22 @@ def _curve(axes: Axes, values: Doubles, model: str, level: str, colour: str) -> 
     steps = np.arange(1, values.shape[2] + 1)
     axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
     axes.plot(steps, values.mean((0, 1)), color=colour, **style.line(model, level))
+
+
+def _ruler(axes: Axes, ruler: pd.DataFrame) -> None:
+    for metric, name in RULER.items():
+        line = ruler[ruler["metric"] == metric].groupby("step")["value"].mean()
+        if len(line):
+            axes.plot(line.index, line, color="#999999", linewidth=0.6, linestyle=":", zorder=1)
+            axes.annotate(
+                name,
+                (line.index[-1], line.iloc[-1]),
+                (2, 0),
+                textcoords="offset points",
+                color="#666666",
+                fontsize=5.5,
+                va="center",
+            )
 
 
 def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) -> None:

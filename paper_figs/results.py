@@ -1,6 +1,7 @@
 """What the scripts of this folder share: reading the scores of a study, and a command line."""
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -32,6 +33,16 @@ def read_scores(results: Path) -> pd.DataFrame:
     if absent:
         raise BadInput(f"{path} has no column {', '.join(absent)}: {remedy}")
     return scores
+
+
+def failed_cells(results: Path) -> set[tuple[str, str, str]]:
+    """Environment, level and model of the cells that failed, by ``study.json``."""
+    try:
+        names = json.loads((results / "study.json").read_text(encoding="utf-8"))["failed"]
+    except (OSError, ValueError, KeyError):
+        return set()
+    parts = (name.split("/") for name in names)
+    return {(environment, level, model) for environment, level, model, _ in parts}
 
 
 def in_order(names: Iterable[str], first: Sequence[str]) -> list[str]:

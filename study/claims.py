@@ -28,9 +28,12 @@ from study.paper import CLAIMS, MARGIN, Claim, Contrast, Quantity, Rule
 Doubles = NDArray[np.float64]
 
 FARTHEST = np.log(1000.0)
-"""A forecast variance that is wrong by more than this factor (0 and infinity too) counts as this
+"""An aleatoric variance that is wrong by more than this factor (0 and infinity too) counts as this
 wrong, so that one dimension cannot outweigh all others."""
 
+
+OF_VARIANCE = frozenset({"log_aleatoric_error", "log_aleatoric_ratio"})
+"""Metrics whose unit is a dimension of the state, not a scenario."""
 
 EVERY_SEED = -1
 """The seed of what is not trained: its seeds are repetitions, not to be paired with anyone's."""
@@ -97,11 +100,11 @@ def judge(scores: pd.DataFrame, claims: Iterable[Claim] = CLAIMS) -> list[Verdic
 
 
 class _Quantities:
-    """Values [seeds, scenarios] by quantity, each read once."""
+    """Values [seeds, scenarios], or [seeds, dimensions], by quantity, each read once."""
 
     def __init__(self, scores: pd.DataFrame) -> None:
         per_scenario = (scores["step"] == -1) & (scores["scenario"] >= 0)
-        ratio = (scores["metric"] == "variance_ratio") & (scores["dimension"] != "all")
+        ratio = (scores["metric"] == "aleatoric_ratio") & (scores["dimension"] != "all")
         self._scores = scores[per_scenario | ratio]
         self._read: dict[Quantity, pd.DataFrame] = {}
 
@@ -112,14 +115,16 @@ class _Quantities:
 
     def _select(self, quantity: Quantity) -> pd.DataFrame:
         cell = (quantity.environment, quantity.level, quantity.model)
-        if quantity.metric != "log_variance_error":
-            table = select(self._scores, quantity.metric, *cell)
-        else:
-            ratio = select(self._scores, "variance_ratio", *cell, by="dimension and step")
+        if quantity.metric in OF_VARIANCE:
+            ratio = select(self._scores, "aleatoric_ratio", *cell, by="dimension and step")
             with np.errstate(divide="ignore"):
-                error = ratio.transform(np.log).abs().clip(upper=FARTHEST)
+                logarithm = ratio.transform(np.log).clip(-FARTHEST, FARTHEST)
+            if quantity.metric == "log_aleatoric_error":
+                logarithm = logarithm.abs()
             # Mean over the steps at which the true variance is not negligible.
-            table = error.T.groupby(level="dimension").mean().T.dropna(axis="columns")
+            table = logarithm.T.groupby(level="dimension").mean().T.dropna(axis="columns")
+        else:
+            table = select(self._scores, quantity.metric, *cell)
         if quantity.model in LEVELLESS and len(table):
             return table.mean().to_frame(EVERY_SEED).T
         return table
@@ -278,7 +283,7 @@ def _row(verdict: Verdict) -> str:
 
 
 def _count(claim: Claim, finding: Finding) -> str:
-    of_variance = claim.contrasts[0].terms[0][1].metric == "log_variance_error"
+    of_variance = claim.contrasts[0].terms[0][1].metric in OF_VARIANCE
     return f"{finding.scenarios} dimensions" if of_variance else str(finding.scenarios)
 
 

@@ -22,8 +22,8 @@ STAGE_VERSIONS = {
     "ensemble": 1,
     "tune": 1,
     "train": 1,
-    "evaluate": 1,
-    "record": 1,
+    "evaluate": 2,
+    "record": 2,
 }
 
 

@@ -26,6 +26,7 @@ FORMAT = 1
 PACKAGES = ("torch", "lightning", "mujoco", "rerun-sdk", "optuna", "numpy")
 Records = Mapping[Cell, Task]
 SCORES, CLAIMS, STUDY = "scores.parquet", "claims.json", "study.json"
+TRIALS = "trials.parquet"
 
 
 def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
@@ -52,9 +53,10 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
             checksum_path(target).unlink(missing_ok=True)
             copy(source, target)
             changed = True
-    state = _state(config, complete)
+    failed = _failed(records, store)
+    state = _state(config, complete, failed)
     if changed or _why_not_current(out, state):
-        _write_summary(config, store, complete, out)
+        _write_summary(config, store, complete, failed, out)
         write_json(_published(out), {"state": state, "files": _summary_files(out)})
         changed = True
     return changed
@@ -67,7 +69,8 @@ def why_not_published(
     complete = {
         cell: task for cell, task in records.items() if task in due or store.why_not(task) is None
     }
-    why = _why_not_current(out, _state(config, complete))
+    failed = [] if due else _failed(records, store)
+    why = _why_not_current(out, _state(config, complete, failed))
     if why or due:
         return why or "input changed"
     for target, source in _cell_files(complete, store, out).items():
@@ -78,9 +81,34 @@ def why_not_published(
 
 def draw(out: Path) -> list[Path]:
     """Every table and figure, from the results alone."""
-    from paper_figs import brier_tables, mmd_curves
+    from paper_figs import (
+        base_rates,
+        beta,
+        brier_tables,
+        calibration,
+        mmd_by_dimension,
+        mmd_curves,
+        outcome_tables,
+        overview,
+        reliability,
+        score_tables,
+        variance_ratio,
+    )
 
-    return [path for script in (brier_tables, mmd_curves) for path in script.draw(out)]
+    scripts = (
+        brier_tables,
+        outcome_tables,
+        score_tables,
+        overview,
+        mmd_curves,
+        mmd_by_dimension,
+        reliability,
+        calibration,
+        variance_ratio,
+        beta,
+        base_rates,
+    )
+    return [path for script in scripts for path in script.draw(out)]
 
 
 def _published(out: Path) -> Path:
@@ -88,10 +116,21 @@ def _published(out: Path) -> Path:
     return out / "work" / "published.json"
 
 
-def _state(config: Config, complete: Records) -> str:
+def _failed(records: Records, store: Store) -> list[str]:
+    """Names of the cells that are not complete since one of their stages failed."""
+
+    def fails(task: Task) -> bool:
+        if store.why_not(task) is None:
+            return False
+        return store.failure(task).exists() or any(map(fails, task.inputs.values()))
+
+    return [cell.name for cell, task in records.items() if fails(task)]
+
+
+def _state(config: Config, complete: Records, failed: list[str]) -> str:
     """What the summary depends on, in one hash."""
     cells = {cell.name: task.key for cell, task in complete.items()}
-    return digest([FORMAT, __version__, _settings(config), cells])
+    return digest([FORMAT, __version__, _settings(config), cells, failed])
 
 
 def _why_not_current(out: Path, state: str) -> str | None:
@@ -110,14 +149,14 @@ def _why_not_current(out: Path, state: str) -> str | None:
 
 def _summary_files(out: Path) -> dict[str, str]:
     """The checksum of every file of the summary."""
-    paths = [out / STUDY, out / SCORES, out / CLAIMS, out / "claims.md"]
+    paths = [out / STUDY, out / SCORES, out / TRIALS, out / CLAIMS, out / "claims.md"]
     for folder in ("tables", "figures"):
         paths += sorted(path for path in (out / folder).glob("*") if path.is_file())
     return {str(path.relative_to(out)): sha256(path) for path in paths}
 
 
 def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
-    """The cells' recordings and weights: where each is published, and where it comes from."""
+    """The cells' recordings, weights and illustrations: where each goes, where it comes from."""
     files = {}
     for cell, task in complete.items():
         for path in store.folder(task).glob("*.rrd*"):
@@ -125,14 +164,17 @@ def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
         if "trained" in task.inputs:
             weights = store.folder(task.inputs["trained"]) / "model.safetensors"
             files[out / "weights" / f"{cell.name}.safetensors"] = weights
+        illustration = store.folder(task.inputs["evaluation"]) / "illustration.safetensors"
+        if illustration.is_file():
+            files[out / "illustrations" / f"{cell.name}.safetensors"] = illustration
     return files
 
 
 def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
-    """Remove recordings and weights of cells that are no part of these results any more."""
+    """Remove what belongs to cells that are no part of these results any more."""
     others = [
         path
-        for folder in ("recordings", "weights")
+        for folder in ("recordings", "weights", "illustrations")
         for path in (out / folder).rglob("*")
         if path.is_file() and path not in files
     ]
@@ -141,7 +183,9 @@ def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     return bool(others)
 
 
-def _write_summary(config: Config, store: Store, complete: Records, out: Path) -> None:
+def _write_summary(
+    config: Config, store: Store, complete: Records, failed: list[str], out: Path
+) -> None:
     tables = [
         pd.read_parquet(store.folder(task.inputs["evaluation"]) / SCORES).assign(**asdict(cell))
         for cell, task in complete.items()
@@ -149,9 +193,8 @@ def _write_summary(config: Config, store: Store, complete: Records, out: Path) -
     scores = pd.concat(tables, ignore_index=True)
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
     scores = scores[[*columns, "value"]]
-    temporary = out / f".{SCORES}"
-    scores.to_parquet(temporary, index=False, compression="zstd")
-    temporary.replace(out / SCORES)
+    _write_parquet(scores, out / SCORES)
+    _write_parquet(_trials(store, complete), out / TRIALS)
     verdicts = claims.judge(scores)
     write_text(out / CLAIMS, claims.to_json(verdicts))
     write_text(out / "claims.md", claims.to_markdown(verdicts))
@@ -162,12 +205,37 @@ def _write_summary(config: Config, store: Store, complete: Records, out: Path) -
             "study": __version__,
             "settings": _settings(config),
             "cells": [cell.name for cell in complete],
+            "failed": failed,
             "versions": {"python": platform.python_version()} | _versions(),
         },
     )
     for folder in ("tables", "figures"):
         shutil.rmtree(out / folder, ignore_errors=True)
     draw(out)
+
+
+def _write_parquet(table: pd.DataFrame, path: Path) -> None:
+    temporary = path.with_name(f".{path.name}")
+    table.to_parquet(temporary, index=False, compression="zstd")
+    temporary.replace(path)
+
+
+def _trials(store: Store, complete: Records) -> pd.DataFrame:
+    """Every trial of every search for β; the value of one that was pruned is its last."""
+    rows = []
+    for cell, task in complete.items():
+        if "tuning" in task.inputs:
+            tuning = read_json(store.folder(task.inputs["tuning"]) / "tuning.json")
+            for trial in tuning["trials"]:
+                last = list(trial["intermediate"].values())[-1:] or [None]
+                value = last[0] if trial["value"] is None else trial["value"]
+                rows.append(
+                    asdict(cell)
+                    | {name: trial[name] for name in ("number", "state", "beta")}
+                    | {"value": value, "chosen": trial["beta"] == tuning["beta"]}
+                )
+    columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
+    return pd.DataFrame(rows, columns=[*columns, "chosen"])
 
 
 def _versions() -> dict[str, str]:

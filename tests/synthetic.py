@@ -44,9 +44,10 @@ def cell(
             _rows("mmd2", curve.ravel(), step.ravel(), scenario.ravel()),
             _rows("mmd2", mmd2 + noise, -1, np.arange(scenarios)),
             _rows("brier", brier + noise, -1, np.arange(scenarios)),
+            _rows("energy_score", 0.3 + mmd2 + noise, -1, np.arange(scenarios)),
             _rows("brier_climatology", np.full(scenarios, 0.24), -1, np.arange(scenarios)),
             *(
-                _rows("variance_ratio", np.full(steps, ratio * f), np.arange(1, steps + 1), -1, n)
+                _rows("aleatoric_ratio", np.full(steps, ratio * f), np.arange(1, steps + 1), -1, n)
                 for n, f in zip(names, (0.99, 1.0, 1.01), strict=True)
             ),
         ]

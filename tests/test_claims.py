@@ -158,10 +158,10 @@ def test_the_oracle_needs_one_seed_and_one_level() -> None:
 
 def test_infinite_variance_does_not_break_anything() -> None:
     table = scores()
-    ratio = (table.metric == "variance_ratio") & (table.model == FULL) & (table.dimension == "x")
+    ratio = (table.metric == "aleatoric_ratio") & (table.model == FULL) & (table.dimension == "x")
     table.loc[ratio, "value"] = np.inf
-    table.loc[(table.metric == "variance_ratio") & (table.dimension == "y"), "value"] = np.nan
-    finding = verdicts(table, "variance-residual-closer-uav")[0].findings[0]
+    table.loc[(table.metric == "aleatoric_ratio") & (table.dimension == "y"), "value"] = np.nan
+    finding = verdicts(table, "aleatoric-residual-closer-uav")[0].findings[0]
     assert np.isfinite([finding.effect, finding.low, finding.high]).all()
     assert finding.scenarios == 2
 
@@ -179,6 +179,6 @@ def test_reports() -> None:
 
 def test_the_order_of_rows_does_not_matter() -> None:
     table = scores()
-    names = ("mmd-residual-lowest-uav-low", "mmd-uav-larger", "variance-residual-closer-uav")
+    names = ("mmd-residual-lowest-uav-low", "mmd-uav-larger", "aleatoric-residual-closer-uav")
     shuffled = table.sample(frac=1, random_state=0)
     assert to_json(verdicts(shuffled, *names)) == to_json(verdicts(table, *names))

@@ -12,6 +12,7 @@ import pytest
 from paper_figs import brier_tables, mmd_curves, style
 from paper_figs.results import command, read_scores
 from study.errors import BadInput
+from study.files import write_json
 from study.paper import FULL, MODELS
 from tests.synthetic import scores
 
@@ -22,6 +23,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table = scores(seeds=2)
     uav_full_high = (table.environment == "uav") & (table.model == FULL) & (table.level == "high")
     table[~uav_full_high].to_parquet(folder / "scores.parquet")
+    write_json(folder / "study.json", {"failed": [f"uav/high/{FULL}/seed-1"]})
     return folder
 
 
@@ -68,6 +70,16 @@ def test_figures_are_the_same_each_time(another: Path) -> None:
     assert [path.read_bytes() for path in mmd_curves.draw(another)] == first
 
 
+def test_a_cell_that_was_not_run_is_told_from_one_that_failed(tmp_path: Path) -> None:
+    table = scores(seeds=1)
+    absent = (table.environment == "uav") & (table.model == FULL) & (table.level == "high")
+    table[~absent].to_parquet(tmp_path / "scores.parquet")
+    uav = brier_tables.draw(tmp_path)[2].read_text()
+    assert "| —<br>paper 0.327 |" in uav
+    assert "— not run." in uav
+    assert "failed" not in uav
+
+
 def test_brier_tables(results: Path) -> None:
     written = brier_tables.draw(results)
     names = ["brier_pusher.md", "brier_pusher.tex", "brier_uav.md", "brier_uav.tex"]
@@ -82,9 +94,8 @@ def test_brier_tables(results: Path) -> None:
     assert "\\quad paper & 0.072 & 0.391 & 0.416" in pusher_tex
     # The cell that failed is shown, with the paper's value, and explained.
     high = next(line for line in uav.splitlines() if line.startswith("| High"))
-    assert "| —<br>paper 0.327 |" in high
-    assert "the cell failed or was not run" in uav
-    assert "---" in uav_tex
+    assert "| failed<br>paper 0.327 |" in high
+    assert "failed" in uav_tex
     assert "failed" not in pusher
 
 

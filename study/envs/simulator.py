@@ -200,19 +200,23 @@ class Simulator(ABC):
                 states[part, t + 1] = episode.step(commands[:, t])
         return Rollout(states, hidden)
 
-    def outcome(self, states: Floats, task: Floats) -> Booleans:
-        """Whether the task succeeds within the horizon: [...] of states [..., T, D], task [..., G].
+    def reached(self, states: Floats, task: Floats) -> Booleans:
+        """Whether the task has succeeded by each step [..., T]: states [..., T, D], task [..., G].
 
         `task` broadcasts against the leading axes of `states`. A state that is not finite is never
         close to anything.
         """
         distance = np.linalg.norm(self.position(states) - self.target(task)[..., None, :], axis=-1)
-        return np.asarray((distance <= self.radius).any(axis=-1))
+        return np.logical_or.accumulate(distance <= self.radius, axis=-1)
+
+    def outcome(self, states: Floats, task: Floats) -> Booleans:
+        """Whether the task succeeds within the horizon, [...]; arguments as of `reached`."""
+        return np.asarray(self.reached(states, task).any(axis=-1))
 
     def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
         """All that is asked of a trajectory, by name, the task itself first: [...] each.
 
-        Arguments as of `outcome`. A state that is not finite is never where it should be.
+        Arguments as of `reached`. A state that is not finite is never where it should be.
         """
         return {"reaches the target": self.outcome(states, task)}
 

@@ -17,19 +17,54 @@ Doubles = NDArray[np.float64]
 
 
 def brier(forecast: Array, observed: Array, valid: Array | None = None) -> Doubles:
-    """Brier score of each scenario [S]: 0 is best; 0.25 for p = 1/2 whatever happens.
+    """Brier score of each scenario [S, ...]: 0 is best; 0.25 for p = 1/2 whatever happens.
 
     Args:
-        forecast: [S, K] bool, whether the task succeeds in each sample.
-        observed: [S, L] bool, whether it did in each rollout.
+        forecast: [S, K, ...] bool, whether the task succeeds in each sample. What follows the
+            first two axes (steps, say) is scored on its own.
+        observed: [S, L, ...] bool, whether it did in each rollout.
         valid: [S, K] bool, which samples are finite throughout; all if None.
     """
-    forecast, observed = np.asarray(forecast, bool), np.asarray(observed, bool)
-    valid = np.ones_like(forecast) if valid is None else np.asarray(valid, bool)
-    base = observed.mean(1)
-    if_success = (forecast & valid).mean(1)
-    if_failure = (forecast | ~valid).mean(1)
+    base, if_success, if_failure = _probabilities(forecast, observed, valid)
     return base * (1 - if_success) ** 2 + (1 - base) * if_failure**2
+
+
+def brier_fair(forecast: Array, observed: Array, valid: Array | None = None) -> Doubles:
+    """Fair Brier score of each scenario [S, ...]: of the forecaster, not of its K samples.
+
+    A share p of K independent samples scores p (1 - p) / K worse, on average, than the probability
+    π that it estimates. Without p (1 - p) / (K - 1), an unbiased estimate of that excess, the
+    score expects what π itself would score, whatever K is (Ferro 2014, "Fair scores for ensemble
+    forecasts", eq. 6). Forecasters with different numbers of samples can be compared, and good
+    ones can score less than 0 where they happen to be lucky. Where samples are not finite, each
+    observation is scored with its own p (see the module): the expectation is the score of
+    infinitely many samples, the same share of which are not finite.
+
+    Arguments as of `brier`.
+
+    Raises:
+        ValueError: fewer than two samples.
+    """
+    samples = np.shape(forecast)[1]
+    if samples < 2:
+        raise ValueError(f"a fair score needs 2 samples or more, not {samples}")
+    base, if_success, if_failure = _probabilities(forecast, observed, valid)
+    excess = base * if_success * (1 - if_success) + (1 - base) * if_failure * (1 - if_failure)
+    return brier(forecast, observed, valid) - excess / (samples - 1)
+
+
+def _probabilities(
+    forecast: Array, observed: Array, valid: Array | None
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Share of rollouts that succeed, and the forecast that is scored if they do, if they do not.
+
+    The two forecasts differ by the share of samples that are not finite. [S, ...] each.
+    """
+    forecast, observed = np.asarray(forecast, bool), np.asarray(observed, bool)
+    if valid is None:
+        valid = np.ones(forecast.shape[:2], bool)
+    valid = np.asarray(valid, bool).reshape(*valid.shape, *[1] * (forecast.ndim - 2))
+    return observed.mean(1), (forecast & valid).mean(1), (forecast | ~valid).mean(1)
 
 
 def two_class(score: Doubles) -> Doubles:
@@ -38,13 +73,13 @@ def two_class(score: Doubles) -> Doubles:
 
 
 def climatology(observed: Array) -> Doubles:
-    """Brier score of each scenario [S] of the forecast that always gives the base rate.
+    """Brier score of each scenario [S, ...] of the forecast that always gives the base rate.
 
-    The base rate is the share of successes over all scenarios and rollouts [S, L]. A forecast that
-    scores worse knows less than one that does not look at the scenario.
+    The base rate is the share of successes over all scenarios and rollouts [S, L, ...]. A forecast
+    that scores worse knows less than one that does not look at the scenario.
     """
     per_scenario = np.asarray(observed, bool).mean(1)
-    base = per_scenario.mean()
+    base = per_scenario.mean(0)
     return per_scenario * (1 - base) ** 2 + (1 - per_scenario) * base**2
 
 

@@ -10,21 +10,26 @@ standardised by the training data, and samples x_1 … x_K (forecast), y_1 … y
 (Gretton et al., "A kernel two-sample test", JMLR 13, 2012, equations 3 and 5.) The unbiased one
 averages zero for equal distributions, so it may be negative; the biased one never is.
 
+Scenario by scenario, step by step and dimension by dimension the samples are only numbers, so the
+sums over pairs take linear time (`study.metrics.kernel_sums`), exact to 1e-9.
+
 **Non-finite forecasts.** Every value that is not finite, or lies more than 1e15 bandwidths from
 the observed, is taken as the same point at infinity: its kernel is 0 with every other value and 1
 with its like. No finite forecast can score worse, and none is dropped.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
+
+from study.metrics.kernel_sums import Gaps, gaps
 
 Array = NDArray[Any]
 Doubles = NDArray[np.float64]
+Told = Callable[[float], None]
 
 FLOOR = 0.1
 """Least bandwidth, in standard deviations of the training data: a smaller error does not matter."""
@@ -33,7 +38,10 @@ PAIRS = 16
 """Pairs of observed rollouts of each scenario that the median heuristic looks at."""
 
 INFINITY = 1e15
-"""Where the point at infinity is, in bandwidths: its square is still a finite float32."""
+"""Where the point at infinity is, in units of √2 bandwidths."""
+
+FACTORS = (0.5, 1.0, 2.0)
+"""Multiples of the bandwidth that show what hangs on it."""
 
 
 def standard(scale: Array) -> Doubles:
@@ -69,7 +77,7 @@ def bandwidths(observed: Array, scale: Array, floor: float = FLOOR) -> Doubles:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """How far forecasts are from observed rollouts, both [S, T, D]."""
+    """How far forecasts are from observed rollouts; for `mmd`, both [S, T, D]."""
 
     squared: Doubles
     """Unbiased MMD²; averages zero for equal distributions, may be negative."""
@@ -77,25 +85,12 @@ class Discrepancy:
     """Biased MMD, the root of the V-statistic; never negative, and above zero by chance."""
 
 
-def similarity(observed: Array, scale: Array, bandwidth: Array) -> Doubles:
-    """Mean kernel between two different observed rollouts, [S, T, D].
-
-    The part of MMD² that is the same for every model: compute it once, give it to each `mmd`.
-    """
-    _refuse_non_finite(observed)
-    among = np.empty(_kernel_shape(observed))
-    for scenario, rollouts in enumerate(observed):
-        among[scenario] = _among(_standardise(rollouts, rollouts, scale, bandwidth))
-    return among
-
-
 def mmd(
     forecast: Array,
     observed: Array,
     scale: Array,
     bandwidth: Array,
-    among_observed: Doubles | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Told | None = None,
 ) -> Discrepancy:
     """Discrepancy between forecasts and observed rollouts of the same scenario.
 
@@ -104,33 +99,79 @@ def mmd(
         observed: [S, L, T, D], physical units, L ≥ 2, finite.
         scale: [D], standard deviations of the training data.
         bandwidth: [D], in units of `scale`.
-        among_observed: [S, T, D] from `similarity`; computed here if not given.
         progress: told the share that is done, 0 to 1.
 
     Raises:
         ValueError: fewer than two samples on a side, or a non-finite observed value.
     """
-    if min(forecast.shape[1], observed.shape[1]) < 2:
-        raise ValueError("MMD² needs at least two forecasts and two observed rollouts a scenario")
-    if among_observed is None:
-        among_observed = similarity(observed, scale, bandwidth)
-    among = np.empty(_kernel_shape(observed))
-    across = np.empty_like(among)
-    for scenario, (samples, rollouts) in enumerate(zip(forecast, observed, strict=True)):
-        x = _standardise(samples, rollouts, scale, bandwidth)
-        y = _standardise(rollouts, rollouts, scale, bandwidth)
-        among[scenario] = _among(x)
-        across[scenario] = _across(x, y)
+    found = _gaps(forecast, observed, scale, bandwidth, (1.0,), progress)
+    parts = Gaps(found.among_x[0], found.among_y[0], found.across[0])
+    return discrepancy(parts, forecast.shape[1], observed.shape[1])
+
+
+def sensitivity(
+    forecast: Array,
+    observed: Array,
+    scale: Array,
+    bandwidth: Array,
+    factors: Sequence[float] = FACTORS,
+    progress: Told | None = None,
+) -> tuple[Discrepancy, ...]:
+    """`mmd` for several multiples of the bandwidth, three of them in the time of two.
+
+    Arguments and errors are those of `mmd`.
+    """
+    found = _gaps(forecast, observed, scale, bandwidth, factors, progress)
+    each = zip(found.among_x, found.among_y, found.across, strict=True)
+    return tuple(discrepancy(Gaps(*p), forecast.shape[1], observed.shape[1]) for p in each)
+
+
+def pooled(
+    forecast: Array,
+    observed: Array,
+    scale: Array,
+    bandwidth: Array,
+    progress: Told | None = None,
+) -> Discrepancy:
+    """`mmd` [T, D] of the samples of all scenarios thrown together, S·K against S·L numbers.
+
+    The other reading of the paper. It compares how states are spread over scenarios, so a forecast
+    that takes one scenario for another goes unpunished. The bandwidth is that of `mmd`: the two
+    readings then differ in what is compared, and not in the kernel.
+
+    Samples that share a scenario are more alike than others, and both sides share the scenarios.
+    The textbook estimator leaves out only the pairs i = j, so for equal distributions it averages
+    -(a - b) (1 - 1/S) (1/(SK - 1) + 1/(SL - 1)), a and b the mean kernel within a scenario and
+    across scenarios: nothing at the paper's scale, but not zero at a small one.
+
+    Arguments and errors are those of `mmd`.
+    """
+    check(forecast, observed)
+    scenarios, samples, steps, dimensions = forecast.shape
+    rollouts = observed.shape[1]
+    found = np.empty((3, steps, dimensions))
+    for step in range(steps):
+        x = forecast[:, :, step].reshape(scenarios * samples, dimensions)
+        y = observed[:, :, step].reshape(scenarios * rollouts, dimensions)
+        parts = gaps(*standardise(x, y, scale, bandwidth))
+        found[:, step] = parts.among_x[0], parts.among_y[0], parts.across[0]
         if progress is not None:
-            progress((scenario + 1) / len(forecast))
-    squared = among + among_observed - 2 * across
-    with_diagonal = (
-        _with_diagonal(among, forecast.shape[1])
-        + _with_diagonal(among_observed, observed.shape[1])
-        - 2 * across
-    )
-    # The V-statistic is a squared norm: only rounding can take it below zero.
-    return Discrepancy(squared, np.sqrt(np.maximum(with_diagonal, 0)))
+            progress((step + 1) / steps)
+    return discrepancy(Gaps(*found), scenarios * samples, scenarios * rollouts)
+
+
+def shifted(forecast: Array, observed: Array, by: float) -> Array:
+    """Forecasts moved by so many standard deviations of the scenario's observed rollouts.
+
+    Their MMD² is the ruler: what it means to be that far off, per scenario, step and dimension.
+
+    Args:
+        forecast: [S, K, T, D].
+        observed: [S, L, T, D], the same units.
+        by: standard deviations.
+    """
+    spread = observed.std(axis=1, keepdims=True, dtype=np.float64)
+    return np.asarray((forecast + by * spread).astype(forecast.dtype))
 
 
 def kernel_score(forecast: Array, observation: Array, scale: Array, bandwidth: Array) -> float:
@@ -146,65 +187,61 @@ def kernel_score(forecast: Array, observation: Array, scale: Array, bandwidth: A
         scale: [D], standard deviations of the training data.
         bandwidth: [D], in units of `scale`.
     """
-    if forecast.shape[1] < 2:
-        raise ValueError("the fair kernel score needs at least two forecasts")
-    _refuse_non_finite(observation)
-    total = 0.0
-    for samples, truth in zip(forecast, observation[:, None], strict=True):
-        x = _standardise(samples, truth, scale, bandwidth)
-        y = _standardise(truth, truth, scale, bandwidth)
-        total += float(np.mean(_among(x) - 2 * _across(x, y)))
-    return total / len(forecast)
+    found = _gaps(forecast, observation[:, None], scale, bandwidth, (1.0,), least=1)
+    samples = forecast.shape[1]
+    among = 1 - found.among_x * samples / (samples - 1)
+    return float(np.mean(among - 2 * (1 - found.across)))
 
 
-def _kernel_shape(observed: Array) -> tuple[int, int, int]:
-    scenarios, _, steps, dimensions = observed.shape
-    return scenarios, steps, dimensions
-
-
-def _refuse_non_finite(observed: Array) -> None:
+def check(forecast: Array, observed: Array, least: int = 2) -> None:
+    """Refuse what has no MMD²: too few samples, or observed values that are not finite."""
+    if forecast.shape[1] < 2 or observed.shape[1] < least:
+        raise ValueError("MMD² needs at least two forecasts and two observed rollouts a scenario")
     if not np.isfinite(observed).all():
         raise ValueError("an observed trajectory has values that are not finite")
 
 
-def _standardise(samples: Array, rollouts: Array, scale: Array, bandwidth: Array) -> torch.Tensor:
-    """Samples [K, T, D] in units of √2 bandwidths, so that k(x, y) = exp(-(x - y)²), float32.
+def discrepancy(parts: Gaps, samples: int, rollouts: int) -> Discrepancy:
+    """Both estimators from the means of 1 - k over all pairs of K samples and L rollouts."""
+    biased = 2 * parts.across - parts.among_x - parts.among_y
+    squared = biased - parts.among_x / (samples - 1) - parts.among_y / (rollouts - 1)
+    # The V-statistic is a squared norm: only rounding can take it below zero.
+    return Discrepancy(squared, np.sqrt(np.maximum(biased, 0)))
 
-    Measured from the mean of the rollouts: small numbers lose little to float32.
+
+def standardise(
+    samples: Array, rollouts: Array, scale: Array, bandwidth: Array
+) -> tuple[Doubles, Doubles]:
+    """Both [..., D] in units of √2 bandwidths, so that k(x, y) = exp(-(x - y)²).
+
+    Measured from the first rollout; what is not finite is at `INFINITY`.
     """
     unit = np.sqrt(2) * standard(scale) * bandwidth
+    origin = rollouts[0].astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
-        values = (samples.astype(np.float64) - rollouts.mean(0, dtype=np.float64)) / unit
-        values[~(np.abs(values) < INFINITY)] = INFINITY
-    return torch.from_numpy(values.astype(np.float32))
+        x, y = ((each - origin) / unit for each in (samples, rollouts))
+        x[~(np.abs(x) < INFINITY)] = INFINITY
+    return x, y
 
 
-def _among(x: torch.Tensor) -> Doubles:
-    """Mean kernel over the pairs i ≠ j of x [K, T, D]: [T, D]."""
-    count = len(x)
-    total = torch.zeros(x.shape[1:], dtype=torch.float64)
-    buffer = torch.empty_like(x)
-    # The kernel is symmetric: rows a lag apart, for each lag, meet every pair once.
-    for lag in range(1, count):
-        total += _kernel(x[lag:], x[:-lag], buffer[lag:]).sum(0)
-    return (total / (count * (count - 1) / 2)).numpy()
-
-
-def _across(x: torch.Tensor, y: torch.Tensor) -> Doubles:
-    """Mean kernel between x [K, T, D] and y [L, T, D]: [T, D]."""
-    total = torch.zeros(x.shape[1:], dtype=torch.float64)
-    buffer = torch.empty_like(x)
-    for row in y:
-        total += _kernel(x, row, buffer).sum(0)
-    return (total / (len(x) * len(y))).numpy()
-
-
-def _kernel(x: torch.Tensor, y: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """exp(-(x - y)²), written to `out`."""
-    torch.sub(x, y, out=out)
-    # exp(-80) is nothing beside a mean, while a denormal number takes ten times as long.
-    return out.mul_(out).clamp_(max=80.0).neg_().exp_()
-
-
-def _with_diagonal(among: Doubles, count: int) -> Doubles:
-    return (1 + (count - 1) * among) / count
+def _gaps(
+    forecast: Array,
+    observed: Array,
+    scale: Array,
+    bandwidth: Array,
+    factors: Sequence[float],
+    progress: Told | None = None,
+    least: int = 2,
+) -> Gaps:
+    """Means of 1 - k over all pairs of each scenario, [F, S, T, D]."""
+    check(forecast, observed, least)
+    scenarios, _, steps, dimensions = observed.shape
+    found = np.empty((3, len(factors), scenarios, steps, dimensions))
+    for scenario, (samples, rollouts) in enumerate(zip(forecast, observed, strict=True)):
+        x, y = standardise(samples, rollouts, scale, bandwidth)
+        parts = gaps(x.reshape(len(x), -1), y.reshape(len(y), -1), factors)
+        for kind, part in enumerate((parts.among_x, parts.among_y, parts.across)):
+            found[kind, :, scenario] = part.reshape(-1, steps, dimensions)
+        if progress is not None:
+            progress((scenario + 1) / scenarios)
+    return Gaps(*found)

@@ -128,8 +128,19 @@ def _body_path(root: str, model: mujoco.MjModel, body: int, *below: str) -> str:
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.uint8]:
+    """Its own colour or its material's; of a texture the mean."""
     material = int(model.geom_matid[geom])
-    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    if material < 0:
+        rgba = model.geom_rgba[geom].copy()
+    else:
+        rgba = model.mat_rgba[material].copy()
+        texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+        if texture >= 0:
+            channels = int(model.tex_nchannel[texture])
+            pixels = int(model.tex_height[texture]) * int(model.tex_width[texture])
+            start = int(model.tex_adr[texture])
+            data = model.tex_data[start : start + pixels * channels].reshape(pixels, channels)
+            rgba[:3] *= data[:, :3].mean(axis=0) / 255
     return np.asarray(np.clip(rgba, 0, 1) * 255, dtype=np.uint8)
 
 

@@ -18,10 +18,22 @@ _BINS = 10
 _TITLES = {
     "mmd2": "MMD²",
     "mmd": "MMD",
+    "mmd2_joint": "joint MMD²",
+    "crps": "CRPS",
+    "energy_score": "energy score",
     "variance_ratio": "variance ratio",
+    "aleatoric_ratio": "aleatoric ratio",
+    "epistemic_share": "epistemic share",
     "forecast_probability": "forecast probability",
     "observed_probability": "observed frequency",
 }
+# Over the horizon these are recorded; the table holds more.
+_STEPWISE = ("mmd2", "mmd2_joint", "crps", "variance_ratio", "aleatoric_ratio")
+_COVERAGES = ("coverage_50", "coverage_80", "coverage_90")
+# Right is 1.
+_RATIOS = ("variance_ratio", "aleatoric_ratio")
+# Of these the table names outcomes in place of dimensions.
+_OF_OUTCOMES = ("brier", "forecast_probability", "observed_probability")
 _README = """
 # Scores
 
@@ -31,6 +43,10 @@ How well the forecasts of this cell agree with what was observed, on the test sc
   of the horizon, averaged over dimensions, and for each dimension.
 - **Variance ratio**: the forecasts' variance over the observed; 1 is right, less is too sure of
   itself, more is too cautious.
+- **Aleatoric ratio**: the same for what the model holds to be aleatoric. Above 1 with little data,
+  epistemic uncertainty has been counted twice.
+- **CRPS** in standard deviations of the training data: the error of the whole distribution.
+- **Coverage**: the share of what was observed that lies in the forecasts' central intervals.
 - **Reliability**: one dot a scenario; of the scenarios to which the model gives a probability p, a
   share p should succeed. The line joins the means of ten bins; on the diagonal is right.
 """
@@ -44,14 +60,16 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
         scores: columns metric, dimension, step, scenario, value; "all", −1 and −1 mean the average
             over that axis. By step: `/metric/dimension` on the timeline `horizon`. By scenario:
             `/by_scenario/metric` on the timeline `scenario`. Overall: in the README panel, and as
-            `/overall/metric/dimension` at step 0. What is both by step and by scenario is left to
-            the table.
+            `/overall/metric/dimension` at step 0. What is both by step and by scenario, and the
+            metrics that no view shows, are left to the table.
         properties: of the recording.
     """
     stepwise = scores[(scores["step"] >= 0) & (scores["scenario"] < 0)]
+    stepwise = stepwise[stepwise["metric"].isin((*_STEPWISE, *_COVERAGES))]
     by_scenario = scores[(scores["scenario"] >= 0) & (scores["step"] < 0)]
     by_scenario = by_scenario[by_scenario["dimension"] == "all"]
     overall = scores[(scores["scenario"] < 0) & (scores["step"] < 0)]
+    overall = overall[~overall["metric"].str.startswith("pit_")]
     reliable = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
 
     design = blueprints.scores(_curves(stepwise), reliable)
@@ -86,6 +104,10 @@ def _curves(stepwise: pd.DataFrame) -> dict[str, list[str]]:
     """Views, by title: each metric averaged over dimensions, and by dimension."""
     views: dict[str, list[str]] = {}
     for metric, rows in stepwise.groupby("metric", sort=False):
+        if metric in _COVERAGES:
+            entities = [f"{entity_path(str(metric))}/{name}" for name in ("all", "reference")]
+            views.setdefault("Coverage of central intervals", []).extend(entities)
+            continue
         title = _TITLES.get(str(metric), str(metric).replace("_", " "))
         folder = entity_path(str(metric))
         dimensions = [d for d in rows["dimension"].unique() if d != "all"]
@@ -108,10 +130,11 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
         else:
             style_lines(stream, entity, [str(dimension)], [series(place)])
             place += 1
-    if metric == "variance_ratio":
+    if metric in (*_RATIOS, *_COVERAGES):
+        right = 1.0 if metric in _RATIOS else int(metric.removeprefix("coverage_")) / 100
         steps = np.sort(rows["step"].unique())
         entity = entity_path(metric, "reference")
-        send_scalars(stream, entity, TIMELINE, steps, np.ones(len(steps)))
+        send_scalars(stream, entity, TIMELINE, steps, np.full(len(steps), right))
         style_lines(stream, entity, ["right"], [REFERENCE])
 
 
@@ -133,16 +156,22 @@ def _overall_table(overall: pd.DataFrame) -> str:
         for m, v in overall.loc[whole, ["metric", "value"]].itertuples(index=False)
     ]
     text = f"\n## Overall\n\n{table(('metric', 'value'), rows)}\n" if rows else ""
-    apart = overall[~whole]
+    of_outcomes = overall["metric"].str.startswith(_OF_OUTCOMES)
+    for title, chosen in (("dimension", ~of_outcomes), ("outcome", of_outcomes)):
+        text += _table_apart(title, overall[~whole & chosen])
+    return text
+
+
+def _table_apart(title: str, apart: pd.DataFrame) -> str:
     if apart.empty:
-        return text
+        return ""
     wide = apart.pivot_table(index="dimension", columns="metric", values="value", sort=False)
     cells = [
         (str(dimension), *(f"{value:.4g}" for value in values))
         for dimension, values in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    header = ("dimension", *(_TITLES.get(m, m) for m in wide.columns))
-    return f"{text}\n## By dimension\n\n{table(header, cells)}\n"
+    header = (title, *(_TITLES.get(m, m.replace("_", " ")) for m in wide.columns))
+    return f"\n## By {title}\n\n{table(header, cells)}\n"
 
 
 def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> None:

@@ -2,7 +2,8 @@
 
 Every forecaster, the simulator included, goes through the same lines. Writes ``scores.parquet``
 (tidy, see `study.metrics.scores`) and ``picks.safetensors``: the forecasts of a few scenarios,
-chosen by stated rules, for the recordings.
+chosen by stated rules, for the recordings; and, of a forecaster with an ensemble,
+``illustration.safetensors``: the positions and variances that Fig. 1 of the paper shows.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from study.data.storage import Arrays, save_arrays
 from study.data.trajectories import Floats, ScenarioSet
 from study.envs import Simulator, simulators
-from study.metrics.scores import score
+from study.metrics.scores import Outcomes, score
+from study.metrics.variance import split
 from study.models import Forecaster, Model
 from study.models.ensemble import Ensemble
 from study.models.forecaster import draw_members
@@ -25,6 +27,9 @@ from study.seeds import Seeds, spawn
 from study.stages.collect import read_kernel, repeat_rollouts
 from study.stages.ensemble import forecast_members
 from study.stages.weights import load_model
+
+SHOWN = 40
+"""Paths of an illustration, at most: more would only cover each other."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +54,70 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     seeds = spawn(settings["seed"], len(test))
     progress(0.01, "forecasting")
     forecasts = forecast_in_parts(forecaster, test, samples, seeds, progress.part(0.01, 0.5))
+    member = members_of(forecaster, seeds, samples)
     scores = score(
         forecasts,
         test.observed,
-        simulator.outcome(forecasts, test.task[:, None]),
-        simulator.outcome(test.observed, test.task[:, None]),
+        Outcomes(
+            simulator.outcomes(forecasts, test.task[:, None]),
+            simulator.outcomes(test.observed, test.task[:, None]),
+            simulator.reached(forecasts, test.task[:, None]),
+            simulator.reached(test.observed, test.task[:, None]),
+        ),
         scale,
         bandwidth * evaluate["bandwidth"],
         names,
+        member,
+        ruler=isinstance(forecaster, Oracle),
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
     scores.to_parquet(out / "scores.parquet", index=False)
     chosen = pick_scenarios(scores, evaluate["picks"])
     arrays = _picked(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
     save_arrays(out / "picks.safetensors", arrays, {"rules": list(chosen)})
+    if "members" in arrays:
+        illustration, facts = illustrate(simulator, arrays, list(chosen))
+        save_arrays(out / "illustration.safetensors", illustration, facts)
+
+
+def illustrate(
+    simulator: Simulator, picks: Arrays, rules: list[str]
+) -> tuple[Arrays, dict[str, Any]]:
+    """Of one pick, that whose outcome is most uncertain, what a picture of it needs.
+
+    Positions from s_0 on, ``observed`` and ``forecast`` [K, T+1, 3] and ``members`` [M, T+1, 3] in
+    m; ``member`` [K]; ``target`` [3]; and the variances of the position over the horizon [T] in m²,
+    ``aleatoric``, ``epistemic``, and ``observed_variance``.
+    """
+    rule = "most uncertain outcome"
+    pick = rules.index(rule) if rule in rules else 0
+    forecast, observed = picks["forecast"][pick], picks["observed"][pick]
+    start = picks["s0"][pick]
+
+    def path(states: Floats) -> Floats:
+        first = np.broadcast_to(start, (len(states), 1, len(start)))
+        return simulator.position(np.concatenate([first, states], axis=1))
+
+    member = picks["member"][pick]
+    parts = split(simulator.position(forecast)[None], member[None])
+    arrays = {
+        "observed": path(observed)[:SHOWN],
+        "forecast": path(forecast)[:SHOWN],
+        "member": member[:SHOWN],
+        "members": path(picks["members"][pick]),
+        "target": simulator.target(picks["task"][pick]),
+        "aleatoric": parts.aleatoric[0].sum(-1),
+        "epistemic": parts.epistemic[0].sum(-1),
+        "observed_variance": simulator.position(observed).var(axis=0, dtype=np.float64).sum(-1),
+    }
+    facts = {
+        "rule": rules[pick],
+        "scenario": int(picks["scenario"][pick]),
+        "radius": simulator.radius,
+        "control_step": simulator.control_step,
+        "samples": len(forecast),
+    }
+    return arrays, facts
 
 
 def load_forecaster(model: str, simulator: Simulator, inputs: dict[str, Path]) -> Forecaster:
@@ -93,6 +148,7 @@ def pick_scenarios(scores: pd.DataFrame, count: int) -> dict[str, int]:
 
     def by_scenario(metric: str) -> NDArray[np.float64]:
         rows = scores[(scores.metric == metric) & (scores.scenario >= 0) & (scores.step == -1)]
+        rows = rows[rows.dimension == "all"]
         return np.asarray(rows.sort_values("scenario").value)
 
     discrepancy = np.nan_to_num(by_scenario("mmd2"), nan=np.inf)
@@ -132,11 +188,22 @@ def _picked(
         "observed": test.observed[index],
         "forecast": forecasts[index],
     }
-    ensemble = forecaster if isinstance(forecaster, Ensemble) else None
-    if isinstance(forecaster, Model):
-        ensemble = ensemble or getattr(forecaster, "ensemble", None)
-    if isinstance(ensemble, Ensemble):
-        samples = forecasts.shape[1]
-        arrays["member"] = draw_members(seeds[index], samples, ensemble.members_count())
+    ensemble, member = ensemble_of(forecaster), members_of(forecaster, seeds, forecasts.shape[1])
+    if ensemble is not None and member is not None:
+        arrays["member"] = member[index]
         arrays["members"] = forecast_members(ensemble, test.s0[index], test.actions[index])
     return arrays
+
+
+def ensemble_of(forecaster: Forecaster) -> Ensemble | None:
+    """The ensemble that a forecaster is, or has."""
+    if isinstance(forecaster, Ensemble):
+        return forecaster
+    inner = getattr(forecaster, "ensemble", None) if isinstance(forecaster, Model) else None
+    return inner if isinstance(inner, Ensemble) else None
+
+
+def members_of(forecaster: Forecaster, seeds: Seeds, samples: int) -> NDArray[np.int64] | None:
+    """The ensemble member behind each sample, [S, K]; None without an ensemble."""
+    ensemble = ensemble_of(forecaster)
+    return None if ensemble is None else draw_members(seeds, samples, ensemble.members_count())

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from study.metrics.variance import split, variance_ratio
+from study.metrics.variance import (
+    NEGLIGIBLE,
+    aleatoric_ratio,
+    decompose,
+    epistemic_share,
+    mean_of_known,
+    residuals,
+    split,
+    variance_ratio,
+)
 
 
 def normal(*shape: int, seed: int = 0) -> np.ndarray:
@@ -64,3 +73,130 @@ def test_members_that_agree_or_do_nothing_else_but_disagree() -> None:
     only_aleatoric = split(np.tile([1.0, -1.0], 6)[None, :, None, None], member)
     assert only_aleatoric.epistemic.item() == pytest.approx(0)
     assert only_aleatoric.aleatoric.item() == pytest.approx(1)
+
+
+MEANS = np.array([-1.0, 0.0, 0.5, 2.5])
+WIDTHS = np.array([0.5, 1.0, 2.0, 0.7])
+
+
+def of_members(member: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Samples [S, K, 1, 1] of members with known means and widths."""
+    noise = np.random.default_rng([seed, 1]).normal(size=member.shape)
+    return (30 + MEANS[member] + WIDTHS[member] * noise)[:, :, None, None]
+
+
+@pytest.mark.parametrize("samples", [2, 3, 6, 40])
+def test_decomposition_is_unbiased_for_any_number_of_samples(samples: int) -> None:
+    scenarios = 4000
+    member = np.random.default_rng(samples).integers(0, 4, (scenarios, samples))
+    forecast = of_members(member)
+    predicted = decompose(forecast, member)
+    aleatoric, epistemic = np.mean(WIDTHS**2), MEANS.var()
+    expected = {
+        "total": aleatoric + epistemic,
+        "aleatoric": aleatoric,
+        "epistemic": epistemic,
+    }
+    blocks = np.array_split(np.arange(scenarios), 40)
+    parts = [decompose(forecast[block], member[block]) for block in blocks]
+    for part, value in expected.items():
+        of_blocks = [getattr(each, part).item() for each in parts]
+        error = np.std(of_blocks) / np.sqrt(len(blocks))
+        assert error < 0.15
+        assert getattr(predicted, part).item() == pytest.approx(value, abs=4 * error)
+    if samples == 6:
+        # What `split` says of the samples at hand is no estimate: it calls noise epistemic.
+        assert split(forecast, member).epistemic.mean() > 1.1 * epistemic
+
+
+def test_decomposition_of_variances_by_hand() -> None:
+    member = np.array([[0, 0, 0, 1, 1, 2]])
+    values = np.array([1.0, 2.0, 6.0, 10.0, 14.0, 99.0])
+    predicted = decompose(values[None, :, None, None], member)
+    within = np.var([1, 2, 6], ddof=1) * 2 + np.var([10, 14], ddof=1)  # one sample: no weight
+    assert predicted.aleatoric.item() == pytest.approx(within / 3)
+    assert predicted.total.item() == pytest.approx(np.var(values, ddof=1))
+    assert predicted.epistemic.item() == pytest.approx(np.var(values, ddof=1) - within / 3)
+
+
+def test_members_with_one_sample_each_say_nothing() -> None:
+    forecast = normal(2, 3, 2, 1)
+    twice, once = np.array([[0, 0, 1], [1, 2, 2]]), np.array([[0, 1, 2]] * 2)
+    alone = decompose(forecast[1:], twice[1:])
+    mixed = decompose(forecast, np.stack([once[0], twice[1]]))
+    np.testing.assert_allclose(mixed.aleatoric, alone.aleatoric)
+    np.testing.assert_allclose(mixed.total, decompose(forecast).total)
+    none = decompose(forecast, once)
+    assert np.isnan(none.aleatoric).all()
+    assert np.isnan(none.epistemic).all()
+    np.testing.assert_allclose(none.total, mixed.total)
+
+
+def test_without_an_ensemble_all_variance_is_aleatoric() -> None:
+    forecast, observed, scale = normal(5, 6, 3, 2), normal(5, 7, 3, 2, seed=1), np.ones(2)
+    predicted = decompose(forecast)
+    np.testing.assert_array_equal(predicted.aleatoric, predicted.total)
+    assert not epistemic_share(predicted, scale).any()
+    np.testing.assert_array_equal(
+        aleatoric_ratio(predicted, observed, scale), variance_ratio(forecast, observed, scale)
+    )
+
+
+def test_aleatoric_ratio_leaves_out_what_members_disagree_on() -> None:
+    member = np.random.default_rng(3).integers(0, 4, (2000, 20))
+    forecast = of_members(member)
+    aleatoric = np.mean(WIDTHS**2)
+    observed = np.sqrt(aleatoric) * normal(2000, 20, 1, 1, seed=4)
+    predicted, scale = decompose(forecast, member), np.ones(1)
+    share = MEANS.var() / (MEANS.var() + aleatoric)
+    assert aleatoric_ratio(predicted, observed, scale).item() == pytest.approx(1, abs=0.05)
+    assert epistemic_share(predicted, scale).item() == pytest.approx(share, abs=0.02)
+    assert variance_ratio(forecast, observed, scale).item() == pytest.approx(
+        1 / (1 - share), rel=0.05
+    )
+
+
+@pytest.mark.parametrize("ensemble", [False, True])
+def test_a_decomposition_that_is_not_finite_or_negligible(ensemble: bool) -> None:
+    forecast, observed = normal(4, 8, 3, 1), normal(4, 8, 3, 1, seed=1)
+    forecast[0, 0, 0, 0] = np.nan
+    forecast[:, :, 1] = 0.9 * NEGLIGIBLE * np.sign(forecast[:, :, 1])
+    observed[:, :, 2] = 5.0
+    member = np.tile(np.arange(8) % 3, (4, 1)) if ensemble else None
+    predicted = decompose(forecast, member)
+    assert np.isinf(predicted.total[0])
+    assert np.isinf(predicted.aleatoric[0])
+    assert np.isnan(predicted.epistemic[0])
+    ratio, share = (
+        aleatoric_ratio(predicted, observed, np.ones(1)),
+        epistemic_share(predicted, np.ones(1)),
+    )
+    assert [np.isinf(ratio.item(i)) for i in range(3)] == [True, False, False]
+    assert [np.isnan(ratio.item(i)) for i in range(3)] == [False, False, True]
+    assert [np.isnan(share.item(i)) for i in range(3)] == [True, True, False]
+
+
+def test_mean_of_what_is_known() -> None:
+    values = np.array([[1.0, np.nan, 3.0], [np.nan, np.nan, np.inf]])
+    np.testing.assert_array_equal(mean_of_known(values, 0), [1, np.nan, np.inf])
+    np.testing.assert_array_equal(mean_of_known(values, 1), [2, np.inf])
+    assert mean_of_known(values[0]) == 2
+    assert np.isnan(mean_of_known(values[:, 1]))
+
+
+def test_residuals_of_the_paper() -> None:
+    observed, members = 3 + normal(4, 9, 3, 2), 3 + normal(4, 5, 3, 2, seed=1)
+    parts = residuals(observed, members)
+    # Aleatoric and epistemic residuals subtract one by one; their mean squares do not.
+    np.testing.assert_allclose(parts.aleatoric, parts.total + parts.epistemic)
+    every = observed[:, :, None] - members[:, None]
+    np.testing.assert_allclose(parts.aleatoric, (every**2).mean((0, 1, 2)), rtol=1e-5)
+    np.testing.assert_allclose(parts.epistemic, members.var(1).mean(0), rtol=1e-5)
+
+
+def test_an_error_that_all_members_share_is_called_aleatoric() -> None:
+    observed = normal(200, 30, 1, 1)
+    members = np.full((200, 4, 1, 1), 2.0)
+    parts = residuals(observed, members)
+    assert parts.epistemic.item() == 0
+    assert parts.aleatoric.item() == pytest.approx(1 + 2**2, rel=0.03)

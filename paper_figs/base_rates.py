@@ -1,0 +1,76 @@
+"""How uncertain the test scenarios are: the histogram of their true probabilities of success.
+
+    python -m paper_figs.base_rates --results results/quick
+
+A true probability is the share of the observed rollouts of a scenario that succeed.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from paper_figs import style
+from paper_figs.results import command, environments, read_scores
+from study.paper import label
+
+BINS = 10
+MIDDLE, ENDS = "#56B4E9", "#BBBBBB"
+
+
+def draw(results: Path) -> list[Path]:
+    """Write figures/base_rates.png and .pdf into `results`, from its scores alone.
+
+    Raises:
+        BadInput: there are no scores.
+    """
+    scores = read_scores(results)
+    true = scores[
+        (scores["metric"] == "observed_probability")
+        & (scores["dimension"] == "all")
+        & (scores["scenario"] >= 0)
+        & (scores["step"] == -1)
+    ]
+    # Every cell of an environment has been scored on the same rollouts.
+    true = true.drop_duplicates(["environment", "scenario"])
+    return _draw(true, results / "figures" / "base_rates")
+
+
+def _draw(true: pd.DataFrame, stem: Path) -> list[Path]:
+    shown = environments(true)
+    with mpl.rc_context(style.context()):
+        drawing = style.figure(height=1.9)
+        axes = drawing.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+        for axis, environment in zip(axes, shown, strict=True):
+            probability = true[true["environment"] == environment]["value"].to_numpy(np.float64)
+            _panel(axis, probability)
+            uncertain = ((probability > 0.1) & (probability < 0.9)).mean()
+            axis.set_title(
+                f"{label(environment)}: base rate {probability.mean():.2f},\n"
+                f"{uncertain:.0%} between 0.1 and 0.9",
+                loc="left",
+                fontsize=7,
+            )
+            axis.set_xlabel("true probability of success")
+        axes[0].set_ylabel("scenarios")
+        return style.save(drawing, stem)
+
+
+def _panel(axes: Axes, probability: NDArray[np.float64]) -> None:
+    # Rounding must not move a probability on an edge, such as 0.3, to the bin below it.
+    bins = np.minimum(np.floor(probability * BINS + 1e-9).astype(int), BINS - 1)
+    counts = np.bincount(bins, minlength=BINS)
+    colours = [ENDS, *[MIDDLE] * (BINS - 2), ENDS]
+    left = np.arange(BINS) / BINS
+    axes.bar(left, counts, 1 / BINS, align="edge", color=colours, edgecolor="white", linewidth=0.5)
+    base = probability.mean()
+    axes.axvline(base, color="black", linewidth=0.9, linestyle=style.DASHES)
+    axes.set_xlim(0, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(command(draw, "Histogram of the true probabilities of success."))

@@ -1,0 +1,272 @@
+"""How well each outcome is forecast: Brier score, skill, reliability and resolution.
+
+    python -m paper_figs.outcome_tables --results results/quick
+
+One table for each level of epistemic uncertainty. An outcome is a block of rows, the task itself
+first, with its base rate and the score of the climatology; a row is a forecaster. Skill is a ruler
+from the climatology, 0, to the oracle, 1. Reliability (0 is best) and resolution (more is better)
+are terms of the fair Brier score, see `study.metrics.reliability`.
+"""
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from paper_figs.results import command, environments, in_order, levels, models, read_scores
+from study.metrics.brier import skill
+from study.metrics.intervals import Interval, interval
+from study.metrics.table import LEVELLESS
+from study.paper import BRIER, ENSEMBLE, MODELS, ORACLE, label
+
+Doubles = NDArray[np.float64]
+
+HEADLINE = "all"
+TERMS = ("brier_reliability", "brier_resolution")
+LEAST_TO_KNOW = 0.002
+"""Skill is not given where the oracle gains less over the climatology: it is a ratio of noise."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One forecaster; what has no score is None, and so is a skill without meaning."""
+
+    model: str
+    score: Interval | None
+    skill: float | None
+    terms: tuple[float | None, ...]
+    best: bool
+
+
+@dataclass(frozen=True)
+class Block:
+    """One outcome: how often it happens, what the climatology scores, and the forecasters."""
+
+    outcome: str
+    base_rate: float
+    climatology: float
+    rows: tuple[Row, ...]
+
+
+def draw(results: Path) -> list[Path]:
+    """Write tables/outcomes_<environment>.md and .tex into `results`, from its scores alone.
+
+    Raises:
+        BadInput: there are no scores.
+    """
+    scores = read_scores(results)
+    wanted = ["brier", "brier_climatology", "observed_probability", *TERMS]
+    scores = scores[scores["metric"].isin(wanted) & (scores["step"] == -1)]
+    folder = results / "tables"
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for environment in environments(scores):
+        own = scores[scores["environment"] == environment]
+        tables = {level: blocks(own, environment, level) for level in levels(own)}
+        with_terms = bool(own["metric"].isin(TERMS).any())
+        for suffix, write in (("md", to_markdown), ("tex", to_latex)):
+            path = folder / f"outcomes_{environment}.{suffix}"
+            path.write_text(write(environment, tables, with_terms), encoding="utf-8")
+            written.append(path)
+    return written
+
+
+def blocks(scores: pd.DataFrame, environment: str, level: str) -> list[Block]:
+    """The table of one environment and level.
+
+    The paper's models are always there if the environment is the paper's; then come others, the
+    oracle and the ensemble alone.
+    """
+    of_paper = any(environment == known for known, _, _ in BRIER)
+    references = (ORACLE, ENSEMBLE)
+    present = [model for model in models(scores) if model not in references]
+    learned = in_order([*MODELS, *present] if of_paper else present, MODELS)
+    cells = {model: _cell(scores, level, model) for model in (*learned, *references)}
+    named = scores.loc[scores["metric"] == "brier", "dimension"].unique()
+    outcomes = [HEADLINE, *(name for name in named if name != HEADLINE)]
+    return [_block(cells, name, learned) for name in outcomes]
+
+
+def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
+    """All rows of a model at a level; of the oracle at any level, if it was scored once for all."""
+    chosen = scores[scores["model"] == model]
+    at_level = chosen[chosen["level"] == level]
+    if model in LEVELLESS and at_level.empty and len(chosen):
+        return chosen[chosen["level"] == chosen["level"].iloc[0]]
+    return at_level
+
+
+def _block(cells: dict[str, pd.DataFrame], outcome: str, learned: list[str]) -> Block:
+    by_model = {model: _by_scenario(cell, "brier", outcome) for model, cell in cells.items()}
+    scores = {model: interval(found) for model, found in by_model.items() if found.size}
+    # What was observed is the same for all cells.
+    observed = [_by_scenario(cell, "observed_probability", outcome) for cell in cells.values()]
+    climatology = [_overall(cell, "brier_climatology", outcome) for cell in cells.values()]
+    reference = _first(climatology)
+    oracle = scores[ORACLE].estimate if ORACLE in scores else np.nan
+    knowable = reference - oracle >= LEAST_TO_KNOW
+    rows = tuple(
+        Row(
+            model,
+            scores.get(model),
+            skill(scores[model].estimate, oracle, reference)
+            if knowable and model in scores
+            else None,
+            tuple(_mean(_overall(cell, term, outcome)) for term in TERMS),
+            model in learned and _is_lowest(model, learned, scores),
+        )
+        for model, cell in cells.items()
+    )
+    return Block(outcome, _first(observed), reference, rows)
+
+
+def _is_lowest(model: str, learned: list[str], scores: dict[str, Interval]) -> bool:
+    """Whether it scores less than every other learned model; of two that tie, neither does."""
+    others = [scores[name].estimate for name in learned if name in scores and name != model]
+    return model in scores and all(scores[model].estimate < other for other in others)
+
+
+def _rows_of(cell: pd.DataFrame, metric: str, outcome: str) -> pd.DataFrame:
+    return cell[(cell["metric"] == metric) & (cell["dimension"] == outcome)]
+
+
+def _by_scenario(cell: pd.DataFrame, metric: str, outcome: str) -> Doubles:
+    """Values [seeds, S]."""
+    found = _rows_of(cell, metric, outcome)
+    found = found[found["scenario"] >= 0]
+    return found.pivot(index="seed", columns="scenario", values="value").to_numpy(np.float64)
+
+
+def _overall(cell: pd.DataFrame, metric: str, outcome: str) -> Doubles:
+    """Values [seeds]."""
+    found = _rows_of(cell, metric, outcome)
+    return found.loc[found["scenario"] == -1, "value"].to_numpy(np.float64)
+
+
+def _mean(values: Doubles) -> float | None:
+    return float(values.mean()) if values.size and np.isfinite(values).all() else None
+
+
+def _first(found: Iterable[Doubles]) -> float:
+    """The mean of the first seed of the first cell that has values; NaN if none has."""
+    return next((float(values[0].mean()) for values in found if values.size), np.nan)
+
+
+Tables = dict[str, list[Block]]
+
+
+def to_markdown(environment: str, tables: Tables, with_terms: bool) -> str:
+    """A heading and a pipe table for each level, then notes."""
+    heads = ["Outcome", "Forecaster", "Brier score", "Skill", *_term_heads(with_terms)]
+    lines = [f"# Forecasts of outcomes, {label(environment)}", ""]
+    for level, table in tables.items():
+        lines += [f"## {_title(label(level))}", "", f"| {' | '.join(heads)} |"]
+        lines.append("|---" * 2 + "|---:" * (len(heads) - 2) + "|")
+        for block in table:
+            for at, (row, texts) in enumerate(_texts(block, with_terms)):
+                outcome = f"**{_name(block)}**<br>{_base_rate(block)}" if at == 0 else ""
+                if row is not None and row.best:
+                    texts[1] = f"**{texts[1]}**"
+                score = " ".join(texts[1:3]).strip()
+                lines.append(f"| {' | '.join([outcome, texts[0], score, *texts[3:]])} |")
+        lines.append("")
+    return "\n".join([*lines, " ".join(_notes(tables, with_terms)), ""])
+
+
+def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
+    """One table for each level, with booktabs."""
+    heads = ["Outcome", "Forecaster", "Brier score", "95\\,\\% interval", "Skill"]
+    heads += _term_heads(with_terms)
+    lines = ["% needs \\usepackage{booktabs}"]
+    for level, table in tables.items():
+        caption = f"Forecasts of outcomes, {label(environment)}, {label(level)} uncertainty."
+        lines += [
+            "\\begin{table*}",
+            f"\\caption{{{caption} {_latex(' '.join(_notes({level: table}, with_terms)))}}}",
+            f"\\label{{outcomes_{environment}_{level}}}",
+            "\\centering",
+            f"\\begin{{tabular}}{{ll{'r' * (len(heads) - 2)}}}",
+            "\\toprule",
+            " & ".join(heads) + " \\\\",
+        ]
+        for block in table:
+            lines.append("\\midrule")
+            begins = [_name(block), _base_rate(block)]
+            for at, (row, texts) in enumerate(_texts(block, with_terms)):
+                texts = [_latex(text) for text in texts]
+                if row is not None and row.best:
+                    texts[1] = f"\\textbf{{{texts[1]}}}"
+                begin = _latex(begins[at]) if at < len(begins) else ""
+                lines.append(" & ".join([begin, *texts]) + " \\\\")
+        lines += ["\\bottomrule", "\\end{tabular}", "\\end{table*}", ""]
+    return "\n".join(lines)
+
+
+def _texts(block: Block, with_terms: bool) -> list[tuple[Row | None, list[str]]]:
+    """The lines of a block: forecaster, score, interval, skill and terms; climatology last."""
+    lines: list[tuple[Row | None, list[str]]] = []
+    for row in block.rows:
+        ours = row.score
+        texts = [label(row.model), _number(ours.estimate if ours else None)]
+        texts += [f"[{ours.low:.3f}, {ours.high:.3f}]" if ours else "", _number(row.skill, 2)]
+        lines.append((row, texts + [_number(term) for term in row.terms if with_terms]))
+    known = None if np.isnan(block.climatology) else block.climatology
+    of_base_rate = ["climatology", _number(known), "", _number(0.0, 2)]
+    return [*lines, (None, of_base_rate + [_number(0.0) for _ in TERMS if with_terms])]
+
+
+def _term_heads(with_terms: bool) -> list[str]:
+    return ["Reliability", "Resolution"] if with_terms else []
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    if value is None:
+        return "—"
+    # Adding 0 turns a rounded -0.000 into 0.000.
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def _name(block: Block) -> str:
+    return "The task succeeds" if block.outcome == HEADLINE else _title(label(block.outcome))
+
+
+def _base_rate(block: Block) -> str:
+    return "" if np.isnan(block.base_rate) else f"base rate {block.base_rate:.2f}"
+
+
+def _notes(tables: Tables, with_terms: bool) -> list[str]:
+    rows = [row for table in tables.values() for block in table for row in block.rows]
+    measured = [row.score for row in rows if row.score]
+    scenarios = " to ".join(map(str, sorted({each.scenarios for each in measured})))
+    seeds = {row.score.seeds for row in rows if row.score and row.model != ORACLE}
+    trained = " to ".join(map(str, sorted(seeds))) or "no"
+    notes = [
+        f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; 95 % "
+        f"intervals over {'scenarios only' if seeds == {1} else 'seeds and scenarios'}.",
+        "Brier score: lower is better. Skill: 0 is the climatology (the base rate), 1 the oracle; "
+        f"— where less than {LEAST_TO_KNOW:g} lies between the two.",
+    ]
+    if with_terms:
+        notes.append(
+            "Reliability: 0 is best. Resolution: more is better. Both are unbiased estimates "
+            "and can come out slightly below 0."
+        )
+    if any(row.score is None for row in rows):
+        notes.append("— as a score: the cell failed or was not run.")
+    return notes
+
+
+def _title(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _latex(text: str) -> str:
+    return text.replace(" %", "\\,\\%").replace("—", "---").replace("−", "$-$")
+
+
+if __name__ == "__main__":
+    sys.exit(command(draw, "Scores of every outcome, for each environment and level."))

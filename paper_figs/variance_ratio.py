@@ -1,0 +1,156 @@
+"""Predicted variance over the true one, over the horizon, one figure for each environment.
+
+    python -m paper_figs.variance_ratio --results results/quick
+
+A panel a model. Thick: aleatoric variance as forecast, over that of the simulator, the median over
+state dimensions, and shaded their range. Thin: the same of the total variance, for models with an
+ensemble. (The ensemble alone forecasts no aleatoric variance: it has no thick line.) 1 is right;
+above it noise is overstated, and an aleatoric ratio that rises where there is less data counts
+epistemic uncertainty twice. Dimensions whose true variance is negligible at a step are left out
+there; ratios are averaged over seeds. The oracle, in every panel, shows what chance does.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from paper_figs import style
+from paper_figs.results import command, environments, levels, models, read_scores
+from study.metrics.table import select
+from study.paper import ORACLE, label
+
+ALEATORIC, TOTAL = "aleatoric_ratio", "variance_ratio"
+
+LIMITS = (1e-3, 1e3)
+"""The axis never goes further, whatever diverges: ratios beyond are beyond any use."""
+
+THIN = 0.5
+
+
+def draw(results: Path) -> list[Path]:
+    """Write figures/variance_<environment>.png and .pdf into `results`, from its scores alone.
+
+    Raises:
+        BadInput: there are no scores.
+    """
+    scores = read_scores(results)
+    ratios = scores[
+        scores["metric"].isin([ALEATORIC, TOTAL])
+        & (scores["dimension"] != "all")
+        & (scores["step"] > 0)
+    ]
+    written = []
+    for environment in environments(ratios):
+        stem = results / "figures" / f"variance_{environment}"
+        own = ratios[ratios["environment"] == environment]
+        written += _draw_environment(own, environment, stem)
+    return written
+
+
+def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+    palette = style.colours(models(scores))
+    shown = [model for model in models(scores) if model != ORACLE] or [ORACLE]
+    rows = (len(shown) + 1) // 2
+    with mpl.rc_context(style.context()):
+        drawing = style.figure(height=0.7 + 1.15 * rows)
+        panels = drawing.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
+        for at, (model, axes) in enumerate(zip(shown, panels.flat, strict=False)):
+            _panel(axes, scores, environment, model, palette)
+            if at + 2 >= len(shown):
+                axes.xaxis.set_tick_params(labelbottom=True)
+                axes.set_xlabel("forecast step")
+        for axes in panels.flat[len(shown) :]:
+            axes.set_visible(False)
+        _scales(panels[0, 0])
+        drawing.supylabel(
+            f"{label(environment)}: predicted / true variance", size=mpl.rcParams["axes.labelsize"]
+        )
+        _legend(drawing, scores)
+        return style.save(drawing, stem)
+
+
+def _panel(
+    axes: Axes, scores: pd.DataFrame, environment: str, model: str, palette: dict[str, str]
+) -> None:
+    axes.axhline(1, color="black", linewidth=0.5)
+    for level in levels(scores):
+        of_level = style.line("", level)
+        aleatoric, total = (
+            _by_step(scores, metric, environment, level, model) for metric in (ALEATORIC, TOTAL)
+        )
+        thick = total if aleatoric.empty else aleatoric
+        _range(axes, thick, palette[model])
+        axes.plot(thick.columns, thick.median(), color=palette[model], **of_level)
+        if not aleatoric.empty and not np.allclose(aleatoric, total, equal_nan=True):
+            thin = of_level | {"linewidth": THIN}
+            axes.plot(total.columns, total.median(), color=palette[model], **thin)
+    reference = _by_step(scores, TOTAL, environment, levels(scores)[0], ORACLE)
+    if not reference.empty:
+        line = style.line(ORACLE, "low")
+        axes.plot(reference.columns, reference.median(), color=palette[ORACLE], **line)
+    axes.set_title(label(model), loc="left", color=palette[model])
+
+
+def _by_step(
+    scores: pd.DataFrame, metric: str, environment: str, level: str, model: str
+) -> pd.DataFrame:
+    """Ratios, dimensions × steps, averaged over seeds; empty where a cell has no scores."""
+    table = select(scores, metric, environment, level, model, by="dimension and step")
+    return table if table.empty else table.mean().unstack("step")
+
+
+def _range(axes: Axes, values: pd.DataFrame, colour: str) -> None:
+    if len(values) > 1:
+        axes.fill_between(
+            values.columns, values.min(), values.max(), color=colour, alpha=0.13, linewidth=0
+        )
+
+
+def _scales(axes: Axes) -> None:
+    """Of all panels, which share them."""
+    axes.set_yscale("log", nonpositive="clip")
+    low, high = axes.get_ylim()
+    axes.set_ylim(max(low, LIMITS[0]), min(high, LIMITS[1]))
+    axes.yaxis.set_major_locator(LogLocator(10, numticks=10))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+    axes.set_xlim(left=0)
+
+
+def _legend(drawing: Figure, scores: pd.DataFrame) -> None:
+    handles: list[Line2D | Patch] = [
+        Line2D(
+            [], [], color="black", label=label(level), **style.line("", level) | {"linewidth": 1}
+        )
+        for level in levels(scores)
+    ]
+    if (scores["metric"] == ALEATORIC).any():
+        handles += [
+            Line2D([], [], color="black", linewidth=1.5, label="aleatoric (median)"),
+            Line2D([], [], color="black", linewidth=THIN, label="total (median)"),
+        ]
+    handles.append(Patch(color="black", alpha=0.13, linewidth=0, label="range of dimensions"))
+    if (scores["model"] == ORACLE).any():
+        colour = style.COLOURS[ORACLE]
+        handles.append(Line2D([], [], color=colour, label="oracle", **style.line(ORACLE, "low")))
+    drawing.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=3,
+        handlelength=1.6,
+        columnspacing=1.0,
+        handletextpad=0.5,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(command(draw, "Predicted variance over the true one, for each environment."))

@@ -1,0 +1,79 @@
+"""The table of all scores, and that a study draws every script of the folder."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import paper_figs
+from paper_figs import score_tables
+from study import report
+from study.paper import FULL, ORACLE
+from tests.synthetic import scores
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    table = scores(seeds=2)
+    oracle = table[(table.model == ORACLE) & (table.metric == "mmd2") & (table.step == -1)]
+    first = oracle.drop_duplicates(["environment", "level", "seed"])
+    marks = [
+        first.assign(metric=f"mmd2_shift_{shift}", scenario=-1, value=value)
+        for shift, value in (("0.1", 0.002), ("0.3", 0.017), ("1", 0.17))
+    ]
+    cell = (table.model == FULL) & (table.level == "high") & (table.environment == "uav")
+    broken = first.assign(metric="nonfinite", scenario=-1, value=0.25, model=FULL)
+    pd.concat([table[~cell], *marks, broken]).to_parquet(tmp_path / "scores.parquet")
+    return tmp_path
+
+
+def test_rows_are_measures_and_columns_forecasters(results: Path) -> None:
+    written = score_tables.draw(results)
+    assert [path.name for path in written] == [
+        "scores_pusher.md",
+        "scores_pusher.tex",
+        "scores_uav.md",
+        "scores_uav.tex",
+    ]
+    pusher, uav = written[0].read_text(), written[2].read_text()
+    low, high = pusher.split("## ")[1:]
+    row = next(line for line in low.splitlines() if line.startswith("| MMD² |"))
+    estimates = [entry.split("[")[0].strip() for entry in row.split("|")[3:-1]]
+    assert estimates == ["0.0500", "0.1000", "0.3000", "0.0000", "0.1200"]
+    assert "aleatoric / true variance" in high
+    assert "CRPS |" not in high  # no cell has it
+    assert "0.0170 at 0.3" in pusher
+    assert "60 scenarios, 2 training seeds" in pusher
+    missing = next(line for line in uav.split("## ")[2].splitlines() if line.startswith("| MMD² |"))
+    assert "| — |" in missing
+
+
+def test_every_row_of_latex_has_as_many_columns(results: Path) -> None:
+    text = score_tables.draw(results)[1].read_text()
+    tables = text.split("\\begin{tabular}{")[1:]
+    for table in tables:
+        declared = len(table.split("}")[0])
+        lines = [line for line in table.splitlines() if line.endswith("\\\\")]
+        assert {line.count("&") for line in lines} == {declared - 1}
+    assert "²" not in text
+
+
+def test_numbers_that_are_no_numbers() -> None:
+    assert score_tables._number(None, 2) == score_tables._number(np.nan, 2) == "—"
+    assert score_tables._number(np.inf, 2) == "∞"
+    assert score_tables._number(-0.0001, 3) == "0.000"
+    assert score_tables._number(-0.25, 2) == "−0.25"
+
+
+def test_a_study_draws_every_script_of_the_folder() -> None:
+    folder = Path(paper_figs.__file__).parent
+    scripts = {path.stem for path in folder.glob("*.py") if "def draw(" in path.read_text()}
+    names = {
+        node.id
+        for node in ast.walk(ast.parse(inspect.getsource(report)))
+        if isinstance(node, ast.Name)
+    }
+    assert scripts <= names
