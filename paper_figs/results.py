@@ -53,17 +53,17 @@ def in_order(names: Iterable[str], first: Sequence[str]) -> list[str]:
 
 def environments(scores: pd.DataFrame) -> list[str]:
     """The environments that have scores, the paper's first."""
-    return in_order(scores["environment"], ENVIRONMENTS)
+    return in_order(scores["environment"].unique(), ENVIRONMENTS)
 
 
 def levels(scores: pd.DataFrame) -> list[str]:
     """The levels that have scores, low first."""
-    return in_order(scores["level"], LEVELS)
+    return in_order(scores["level"].unique(), LEVELS)
 
 
 def models(scores: pd.DataFrame) -> list[str]:
     """The models that have scores, the paper's first."""
-    return in_order(scores["model"], MODELS)
+    return in_order(scores["model"].unique(), MODELS)
 
 
 def command(

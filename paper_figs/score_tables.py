@@ -62,6 +62,9 @@ def draw(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
+    marks = [f"mmd2_shift_{shift}" for shift in RULER]
+    scores = scores[scores["metric"].isin([*(m.metric for m in MEASURES), *marks])]
+    scores = scores[(scores["step"] == -1) | scores["metric"].isin(BY_DIMENSION)]
     folder = results / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     written = []
