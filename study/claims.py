@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -215,14 +216,22 @@ def to_json(verdicts: Sequence[Verdict]) -> str:
             "rule": verdict.claim.rule.value,
             "least_effect": verdict.claim.least,
             "verdict": verdict.outcome.value,
-            "deciding": asdict(verdict.deciding) if verdict.deciding else None,
-            "findings": [asdict(finding) for finding in verdict.findings],
+            "deciding": _plain(verdict.deciding) if verdict.deciding else None,
+            "findings": [_plain(finding) for finding in verdict.findings],
             "missing": list(verdict.missing),
             "figure": verdict.claim.figure,
         }
         for verdict in verdicts
     ]
     return json.dumps(entries, indent=2, ensure_ascii=False) + "\n"
+
+
+def _plain(finding: Finding) -> dict[str, Any]:
+    """JSON has no infinity: an effect that is not finite is a word."""
+    return {
+        name: str(value) if isinstance(value, float) and not np.isfinite(value) else value
+        for name, value in asdict(finding).items()
+    }
 
 
 def to_markdown(verdicts: Sequence[Verdict]) -> str:

@@ -182,3 +182,13 @@ def test_the_order_of_rows_does_not_matter() -> None:
     names = ("mmd-residual-lowest-uav-low", "mmd-uav-larger", "aleatoric-residual-closer-uav")
     shuffled = table.sample(frac=1, random_state=0)
     assert to_json(verdicts(shuffled, *names)) == to_json(verdicts(table, *names))
+
+
+def test_an_infinite_score_is_no_gap_in_the_report() -> None:
+    table = scores()
+    worst = (table.metric == "energy_score") & (table.model == FULL) & (table.scenario == 3)
+    table.loc[worst, "value"] = np.inf
+    found = verdicts(table, "check-energy_score-oracle-uav")
+    assert found[0].outcome is Outcome.REPRODUCED
+    assert "inf" in [finding["effect"] for finding in json.loads(to_json(found))[0]["findings"]]
+    assert "nan" not in to_markdown(found)

@@ -35,14 +35,20 @@ class Interval:
 def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = 0) -> Doubles:
     """Means of `resamples` bootstrap samples: [B, ...] from values [seeds, S, ...].
 
-    What follows the first two axes (steps, say) is resampled together.
+    What follows the first two axes (steps, say) is resampled together. A resample that draws an
+    infinite value has an infinite mean, and one that draws none has not.
     """
     values = np.asarray(values, np.float64)
     seeds, scenarios, *rest = values.shape
     by_seed, by_scenario = _shares(seeds, scenarios, resamples, seed)
-    total = np.zeros((resamples, int(np.prod(rest))))
-    for weight, of_seed in zip(by_seed.T, values.reshape(seeds, scenarios, -1), strict=True):
+    flat = values.reshape(seeds, scenarios, -1)
+    infinite = np.isinf(flat)
+    total = np.zeros((resamples, flat.shape[2]))
+    for weight, of_seed in zip(by_seed.T, np.where(infinite, 0.0, flat), strict=True):
         total += weight[:, None] * (by_scenario @ of_seed)
+    for at_seed, scenario, place in np.argwhere(infinite):
+        drawn = (by_seed[:, at_seed] > 0) & (by_scenario[:, scenario] > 0)
+        total[drawn, place] += flat[at_seed, scenario, place]
     return total.reshape(resamples, *rest)
 
 
@@ -57,7 +63,10 @@ def _shares(seeds: int, scenarios: int, resamples: int, seed: int) -> tuple[Doub
 
 def percentiles(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
     """The ends of the central interval of draws [B, ...], each [...]."""
-    low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2], axis=0)
+    ends = [(1 - level) / 2, (1 + level) / 2]
+    # Between an infinite draw and its neighbour nothing can be interpolated.
+    method = "linear" if np.isfinite(draws).all() else "inverted_cdf"
+    low, high = np.quantile(draws, ends, axis=0, method=method)
     return low, high
 
 

@@ -85,3 +85,15 @@ def test_steps_are_resampled_together() -> None:
     for step in range(4):
         alone = resampled_means(values[..., step], resamples=50)
         np.testing.assert_allclose(together[:, step], alone)
+
+
+def test_an_infinite_score_makes_the_interval_infinite_and_nothing_else() -> None:
+    values = np.random.default_rng(0).normal(size=(2, 50))
+    values[1, 7] = np.inf
+    found = interval(values)
+    assert found.estimate == found.high == np.inf
+    assert not np.isnan(found.low)
+    draws = resampled_means(values)
+    # Both the seed and the scenario have to be drawn: 3/4 and 1 - (49/50)^50.
+    assert np.isinf(draws).mean() == pytest.approx(0.75 * (1 - 0.98**50), abs=0.05)
+    assert np.isfinite(draws[~np.isinf(draws)]).all()
