@@ -19,14 +19,16 @@ from paper_figs.results import (
     command,
     environments,
     failed_cells,
+    forecasters,
     in_order,
     levels,
     models,
     read_scores,
 )
+from paper_figs.text import latex, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
-from study.paper import BRIER, ENSEMBLE, LEVELS, MODELS, ORACLE, label
+from study.paper import BRIER, LEVELS, ORACLE, label
 
 CLIMATOLOGY = "climatology"
 
@@ -78,9 +80,7 @@ def rows(
     The paper's levels and models are always there, with or without scores; others follow them.
     """
     of_paper = any(environment == known for known, _, _ in BRIER)
-    references = (ORACLE, ENSEMBLE)
-    present = [model for model in models(scores) if model not in references]
-    learned = in_order([*MODELS, *present] if of_paper else present, MODELS)
+    learned, references = forecasters(scores, environment)
     table = {}
     for level in in_order([*LEVELS, *levels(scores)] if of_paper else levels(scores), LEVELS):
         row = {
@@ -128,12 +128,12 @@ def to_markdown(environment: str, table: dict[str, Row]) -> str:
     lines = [
         f"# Brier scores, {label(environment)} (lower is better)",
         "",
-        f"| | {' | '.join(_title(column) for column in columns)} |",
+        f"| | {' | '.join(title(column) for column in columns)} |",
         "|---" * (len(columns) + 1) + "|",
     ]
     for level, row in table.items():
         entries = [_markdown_entry(row[column]) for column in columns]
-        lines.append(f"| {_title(level)} | {' | '.join(entries)} |")
+        lines.append(f"| {title(level)} | {' | '.join(entries)} |")
     notes = [_counts(table), *_notes(table)]
     return "\n".join([*lines, "", *notes, ""])
 
@@ -155,16 +155,16 @@ def to_latex(environment: str, table: dict[str, Row]) -> str:
         "% needs \\usepackage{booktabs}",
         "\\begin{table*}",
         f"\\caption{{Brier scores for {label(environment)} (lower is better). "
-        f"{_latex(' '.join([_counts(table), *_notes(table)]))}}}",
+        f"{latex(' '.join([_counts(table), *_notes(table)]))}}}",
         f"\\label{{brier_{environment}}}",
         "\\centering",
         f"\\begin{{tabular}}{{l{'c' * len(columns)}}}",
         "\\toprule",
-        " & ".join(["", *(_title(column) for column in columns)]) + " \\\\",
+        " & ".join(["", *(title(column) for column in columns)]) + " \\\\",
         "\\midrule",
     ]
     for level, row in table.items():
-        lines.append(_latex_line(_title(level), [_latex_mean(row[c]) for c in columns]))
+        lines.append(_latex_line(title(level), [_latex_mean(row[c]) for c in columns]))
         lines.append(_latex_line("", [_latex_interval(row[c]) for c in columns]))
         if any(entry.paper is not None for entry in row.values()):
             lines.append(_latex_line("\\quad paper", [_latex_paper(row[c]) for c in columns]))
@@ -188,15 +188,6 @@ def _latex_interval(entry: Entry) -> str:
 
 def _latex_paper(entry: Entry) -> str:
     return "" if entry.paper is None else f"{entry.paper:.3f}"
-
-
-def _latex(text: str) -> str:
-    return text.replace("%", "\\%").replace("—", "---").replace(" \\%", "\\,\\%")
-
-
-def _title(name: str) -> str:
-    text = label(name)
-    return text[:1].upper() + text[1:]
 
 
 def _counts(table: dict[str, Row]) -> str:

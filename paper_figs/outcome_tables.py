@@ -17,11 +17,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from paper_figs.results import command, environments, in_order, levels, models, read_scores
+from paper_figs.results import command, environments, forecasters, levels, read_scores
+from paper_figs.text import latex, number, title
 from study.metrics.brier import skill
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import LEVELLESS
-from study.paper import BRIER, ENSEMBLE, MODELS, ORACLE, label
+from study.paper import ORACLE, label
 
 Doubles = NDArray[np.float64]
 
@@ -81,10 +82,7 @@ def blocks(scores: pd.DataFrame, environment: str, level: str) -> list[Block]:
     The paper's models are always there if the environment is the paper's; then come others, the
     oracle and the ensemble alone.
     """
-    of_paper = any(environment == known for known, _, _ in BRIER)
-    references = (ORACLE, ENSEMBLE)
-    present = [model for model in models(scores) if model not in references]
-    learned = in_order([*MODELS, *present] if of_paper else present, MODELS)
+    learned, references = forecasters(scores, environment)
     cells = {model: _cell(scores, level, model) for model in (*learned, *references)}
     named = scores.loc[scores["metric"] == "brier", "dimension"].unique()
     outcomes = [HEADLINE, *(name for name in named if name != HEADLINE)]
@@ -164,7 +162,7 @@ def to_markdown(environment: str, tables: Tables, with_terms: bool) -> str:
     heads = ["Outcome", "Forecaster", "Brier score", "Skill", *_term_heads(with_terms)]
     lines = [f"# Forecasts of outcomes, {label(environment)}", ""]
     for level, table in tables.items():
-        lines += [f"## {_title(label(level))}", "", f"| {' | '.join(heads)} |"]
+        lines += [f"## {title(level)}", "", f"| {' | '.join(heads)} |"]
         lines.append("|---" * 2 + "|---:" * (len(heads) - 2) + "|")
         for block in table:
             for at, (row, texts) in enumerate(_texts(block, with_terms)):
@@ -186,7 +184,7 @@ def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
         caption = f"Forecasts of outcomes, {label(environment)}, {label(level)} uncertainty."
         lines += [
             "\\begin{table*}",
-            f"\\caption{{{caption} {_latex(' '.join(_notes({level: table}, with_terms)))}}}",
+            f"\\caption{{{caption} {latex(' '.join(_notes({level: table}, with_terms)))}}}",
             f"\\label{{outcomes_{environment}_{level}}}",
             "\\centering",
             f"\\begin{{tabular}}{{ll{'r' * (len(heads) - 2)}}}",
@@ -197,10 +195,10 @@ def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
             lines.append("\\midrule")
             begins = [_name(block), _base_rate(block)]
             for at, (row, texts) in enumerate(_texts(block, with_terms)):
-                texts = [_latex(text) for text in texts]
+                texts = [latex(text) for text in texts]
                 if row is not None and row.best:
                     texts[1] = f"\\textbf{{{texts[1]}}}"
-                begin = _latex(begins[at]) if at < len(begins) else ""
+                begin = latex(begins[at]) if at < len(begins) else ""
                 lines.append(" & ".join([begin, *texts]) + " \\\\")
         lines += ["\\bottomrule", "\\end{tabular}", "\\end{table*}", ""]
     return "\n".join(lines)
@@ -211,27 +209,20 @@ def _texts(block: Block, with_terms: bool) -> list[tuple[Row | None, list[str]]]
     lines: list[tuple[Row | None, list[str]]] = []
     for row in block.rows:
         ours = row.score
-        texts = [label(row.model), _number(ours.estimate if ours else None)]
-        texts += [f"[{ours.low:.3f}, {ours.high:.3f}]" if ours else "", _number(row.skill, 2)]
-        lines.append((row, texts + [_number(term) for term in row.terms if with_terms]))
+        texts = [label(row.model), number(ours.estimate if ours else None)]
+        texts += [f"[{ours.low:.3f}, {ours.high:.3f}]" if ours else "", number(row.skill, 2)]
+        lines.append((row, texts + [number(term) for term in row.terms if with_terms]))
     known = None if np.isnan(block.climatology) else block.climatology
-    of_base_rate = ["climatology", _number(known), "", _number(0.0, 2)]
-    return [*lines, (None, of_base_rate + [_number(0.0) for _ in TERMS if with_terms])]
+    of_base_rate = ["climatology", number(known), "", number(0.0, 2)]
+    return [*lines, (None, of_base_rate + [number(0.0) for _ in TERMS if with_terms])]
 
 
 def _term_heads(with_terms: bool) -> list[str]:
     return ["Reliability", "Resolution"] if with_terms else []
 
 
-def _number(value: float | None, digits: int = 3) -> str:
-    if value is None:
-        return "—"
-    # Adding 0 turns a rounded -0.000 into 0.000.
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
-
-
 def _name(block: Block) -> str:
-    return "The task succeeds" if block.outcome == HEADLINE else _title(label(block.outcome))
+    return "The task succeeds" if block.outcome == HEADLINE else title(block.outcome)
 
 
 def _base_rate(block: Block) -> str:
@@ -258,14 +249,6 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
     if any(row.score is None for row in rows):
         notes.append("— as a score: the cell failed or was not run.")
     return notes
-
-
-def _title(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _latex(text: str) -> str:
-    return text.replace(" %", "\\,\\%").replace("—", "---").replace("−", "$-$")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import pandas as pd
 
 from study.errors import BadInput, StudyError
 from study.metrics.table import CELL, COLUMNS
-from study.paper import ENVIRONMENTS, LEVELS, MODELS
+from study.paper import BRIER, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
 
 
 def read_scores(results: Path) -> pd.DataFrame:
@@ -64,6 +64,17 @@ def levels(scores: pd.DataFrame) -> list[str]:
 def models(scores: pd.DataFrame) -> list[str]:
     """The models that have scores, the paper's first."""
     return in_order(scores["model"].unique(), MODELS)
+
+
+def forecasters(scores: pd.DataFrame, environment: str) -> tuple[list[str], list[str]]:
+    """The learned models and the references that a table of an environment shows.
+
+    The paper's models are there with or without scores, if the environment is the paper's.
+    """
+    references = [ORACLE, ENSEMBLE]
+    present = [model for model in models(scores) if model not in references]
+    of_paper = any(environment == known for known, _, _ in BRIER)
+    return in_order([*MODELS, *present] if of_paper else present, MODELS), references
 
 
 def command(

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from paper_figs.results import command, environments, in_order, levels, models, read_scores
+from paper_figs.results import command, environments, forecasters, levels, read_scores
+from paper_figs.text import latex, number, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
-from study.paper import BRIER, ENSEMBLE, MODELS, ORACLE, label
+from study.paper import ORACLE, label
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,7 @@ def draw(results: Path) -> list[Path]:
 
 def rows(scores: pd.DataFrame, environment: str, level: str) -> Table:
     """The table of one environment and level; measures that no cell has are left out."""
-    of_paper = any(environment == known for known, _, _ in BRIER)
-    references = (ORACLE, ENSEMBLE)
-    present = [model for model in models(scores) if model not in references]
-    learned = in_order([*MODELS, *present] if of_paper else present, MODELS)
+    learned, references = forecasters(scores, environment)
     table = {
         measure.metric: {
             model: _entry(scores, measure.metric, environment, level, model)
@@ -123,8 +121,8 @@ def to_markdown(environment: str, tables: dict[str, Table], marks: dict[str, flo
     lines = [f"# Scores, {label(environment)}", ""]
     for level, table in tables.items():
         columns = list(next(iter(table.values()), {}))
-        heads = ["", "right", *(_title(label(column)) for column in columns)]
-        lines += [f"## {_title(label(level))}", "", f"| {' | '.join(heads)} |"]
+        heads = ["", "right", *(title(column) for column in columns)]
+        lines += [f"## {title(level)}", "", f"| {' | '.join(heads)} |"]
         lines.append("|---" * 2 + "|---:" * len(columns) + "|")
         for measure in _shown(table):
             texts = [_text(table[measure.metric][c], measure.digits) for c in columns]
@@ -139,10 +137,10 @@ def to_latex(environment: str, tables: dict[str, Table], marks: dict[str, float]
     for level, table in tables.items():
         columns = list(next(iter(table.values()), {}))
         caption = f"Scores, {label(environment)}, {label(level)} uncertainty."
-        heads = ["", "right", *(_title(label(column)) for column in columns)]
+        heads = ["", "right", *(title(column) for column in columns)]
         lines += [
             "\\begin{table*}",
-            f"\\caption{{{caption} {_latex(' '.join(_notes(tables, marks)))}}}",
+            f"\\caption{{{caption} {latex(' '.join(_notes(tables, marks)))}}}",
             f"\\label{{scores_{environment}_{level}}}",
             "\\centering",
             f"\\begin{{tabular}}{{ll{'r' * len(columns)}}}",
@@ -152,8 +150,8 @@ def to_latex(environment: str, tables: dict[str, Table], marks: dict[str, float]
         ]
         for measure in _shown(table):
             entries = [table[measure.metric][column] for column in columns]
-            texts = [_latex(_number(_estimate(entry), measure.digits)) for entry in entries]
-            first = [_latex(measure.name), _latex(measure.right)]
+            texts = [latex(number(_estimate(entry), measure.digits)) for entry in entries]
+            first = [latex(measure.name), latex(measure.right)]
             lines.append(" & ".join([*first, *texts]) + " \\\\")
         lines += ["\\bottomrule", "\\end{tabular}", "\\end{table*}", ""]
     return "\n".join(lines)
@@ -168,21 +166,10 @@ def _estimate(entry: Entry) -> float | None:
 
 
 def _text(entry: Entry, digits: int) -> str:
-    text = _number(_estimate(entry), digits)
+    text = number(_estimate(entry), digits)
     if isinstance(entry, Interval):
-        text += f" [{_number(entry.low, digits)}, {_number(entry.high, digits)}]"
+        text += f" [{number(entry.low, digits)}, {number(entry.high, digits)}]"
     return text
-
-
-def _number(value: float | None, digits: int) -> str:
-    if value is None or np.isnan(value):
-        return "—"
-    if np.isinf(value):
-        return "∞"
-    if abs(value) >= 1000:
-        return f"{value:.1e}"
-    # Adding 0 turns a rounded -0.000 into 0.000.
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def _notes(tables: dict[str, Table], marks: dict[str, float]) -> list[str]:
@@ -209,24 +196,6 @@ def _notes(tables: dict[str, Table], marks: dict[str, float]) -> list[str]:
             f"rollouts is {shifts}."
         )
     return notes
-
-
-def _title(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _latex(text: str) -> str:
-    for plain, escaped in (
-        (" %", "\\,\\%"),
-        ("—", "---"),
-        ("−", "$-$"),
-        ("∞", "$\\infty$"),
-        ("MMD²", "MMD$^2$"),
-        ("× ½", "$\\times \\frac{1}{2}$"),
-        ("× 2", "$\\times 2$"),
-    ):
-        text = text.replace(plain, escaped)
-    return text
 
 
 if __name__ == "__main__":

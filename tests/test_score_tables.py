@@ -10,6 +10,7 @@ import pytest
 
 import paper_figs
 from paper_figs import score_tables
+from paper_figs.text import latex, number
 from study import report
 from study.paper import FULL, ORACLE
 from tests.synthetic import scores
@@ -62,10 +63,16 @@ def test_every_row_of_latex_has_as_many_columns(results: Path) -> None:
 
 
 def test_numbers_that_are_no_numbers() -> None:
-    assert score_tables._number(None, 2) == score_tables._number(np.nan, 2) == "—"
-    assert score_tables._number(np.inf, 2) == "∞"
-    assert score_tables._number(-0.0001, 3) == "0.000"
-    assert score_tables._number(-0.25, 2) == "−0.25"
+    assert number(None, 2) == number(np.nan, 2) == "—"
+    assert number(np.inf, 2) == "∞"
+    assert number(-0.0001, 3) == "0.000"
+    assert number(-0.25, 2) == "−0.25"
+
+
+def test_latex_of_numbers_and_percent() -> None:
+    assert latex("95 % of −0.1, 5%: MMD², × ½") == (
+        "95\\,\\% of $-$0.1, 5\\%: MMD$^2$, $\\times\\frac{1}{2}$"
+    )
 
 
 def test_a_study_draws_every_script_of_the_folder() -> None:

@@ -65,8 +65,10 @@ def percentiles(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
     """The ends of the central interval of draws [B, ...], each [...]."""
     ends = [(1 - level) / 2, (1 + level) / 2]
     # Between an infinite draw and its neighbour nothing can be interpolated.
-    method = "linear" if np.isfinite(draws).all() else "inverted_cdf"
-    low, high = np.quantile(draws, ends, axis=0, method=method)
+    if not np.isfinite(draws).all():
+        low, high = np.quantile(draws, ends, axis=0, method="inverted_cdf")
+        return low, high
+    low, high = np.quantile(draws, ends, axis=0)
     return low, high
 
 

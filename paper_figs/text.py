@@ -1,0 +1,43 @@
+"""How tables write numbers and words, in Markdown and in LaTeX."""
+
+import numpy as np
+
+from study.paper import label
+
+NOTHING = "—"
+
+_LATEX = (
+    ("%", "\\%"),
+    (" \\%", "\\,\\%"),
+    (NOTHING, "---"),
+    ("−", "$-$"),
+    ("∞", "$\\infty$"),
+    ("²", "$^2$"),
+    ("× ½", "$\\times\\frac{1}{2}$"),
+    ("×", "$\\times$"),
+)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with so many digits and a real minus; a dash for what is not known."""
+    if value is None or np.isnan(value):
+        return NOTHING
+    if np.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if abs(value) >= 1000:
+        return f"{value:.1e}".replace("-", "−")
+    # Adding 0 turns a rounded -0.000 into 0.000.
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def title(name: str) -> str:
+    """What a name is called, with a capital."""
+    text = label(name)
+    return text[:1].upper() + text[1:]
+
+
+def latex(text: str) -> str:
+    """Text as LaTeX wants it."""
+    for plain, escaped in _LATEX:
+        text = text.replace(plain, escaped)
+    return text
