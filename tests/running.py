@@ -80,10 +80,11 @@ def files(out: Path, *patterns: str) -> dict[str, str]:
 
 def results(out: Path) -> dict[str, str]:
     """Those files that are byte for byte the same whenever and however the study was run."""
-    return files(out, "scores.parquet", "claims.*", "study.json", "tables/*", "weights/**/*")
+    names = ("*.parquet", "claims.*", "study.json", "tables/*", "weights/**/*")
+    return files(out, *names, "illustrations/**/*")
 
 
 def published(out: Path) -> dict[str, str]:
     """What a reader of the results opens."""
-    names = ("scores.parquet", "claims.*", "study.json", "tables/*", "figures/*")
-    return files(out, *names, "weights/**/*", "recordings/**/*")
+    names = ("*.parquet", "claims.*", "study.json", "tables/*", "figures/*")
+    return files(out, *names, "weights/**/*", "illustrations/**/*", "recordings/**/*")

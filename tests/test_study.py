@@ -143,7 +143,9 @@ def test_a_part_of_the_grid(smoke: tuple[Path, Done]) -> None:
 
 def test_figures_again_from_the_results_alone(smoke: tuple[Path, Done], tmp_path: Path) -> None:
     out, _ = smoke
-    (tmp_path / "scores.parquet").write_bytes((out / "scores.parquet").read_bytes())
+    for name in files(out, "*.parquet", "illustrations/**/*"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes((out / name).read_bytes())
     done = study("figures", *SMOKE, "--out", tmp_path)
     assert done.code == 0
     drawn = {Path(line).relative_to(tmp_path) for line in done.out.splitlines()}
