@@ -7,6 +7,7 @@ looked at first, so that every error names the setting, what was given and what 
 import re
 import warnings
 from argparse import ArgumentError
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,8 @@ COMMANDS = {
     "plan": "say what `all` would run, and for each stage why",
     "status": "say what is done, running or failed, with times",
     "figures": "draw tables and figures again from the results alone",
-    "view": "open a cell's recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
+    "view": "open recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
+    "compare": "settings that differ and scores of cells, side by side: compare CELL CELL",
     "portrait": "write a page with pictures of an environment, and of how hard its scenarios are",
     "export": "write training data as a Minari data set, to share: export pusher",
 }
@@ -32,9 +34,11 @@ COMMANDS = {
 # What a command takes that the others do not: an argument, then flags.
 OWN: dict[str, dict[str, dict[str, Any]]] = {
     "view": {
-        "cell": {"help": "such as pusher/low/residual_vae/seed-0"},
+        "cell": {"help": "such as pusher/low/residual_vae/seed-0; or an environment; or study"},
         "--kind": {"default": "forecast", "help": "forecast, scores, training, tuning"},
+        "--save": {"help": "folder for a picture of every view, drawn without a screen"},
     },
+    "compare": {"cells": {"nargs": "+", "help": "such as pusher/low/residual_vae/seed-0"}},
     "portrait": {
         "environment": {"nargs": "?", "help": "such as pusher; all of the grid by default"},
         "--to": {"help": "folder of the page; OUT/environments by default"},
@@ -52,13 +56,17 @@ HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.
   --config FILE      settings; configs/quick.yaml if not given (also: smoke.yaml, paper.yaml)
   --out DIR          where results go; results/NAME if not given
   --only PATTERN     some cells only: 'pusher/high/*', '*/residual_vae/*'
-  --kind KIND        view: which recording, forecast (default), scores, training or tuning
+  --kind KIND        view: which of a cell's recordings, forecast (default), scores, training or
+                     tuning; `view pusher` opens the environment's data
+  --save DIR         view: no window; pictures of every view go to this folder
   --to DIR           portrait: folder of the page; export: folder of Minari data sets
 
 examples
   python -m study.run all
   python -m study.run plan --config configs/paper.yaml
   python -m study.run all --only 'uav/low/*' --tune.trials 12 --engine.workers 2
+  python -m study.run view pusher/low/residual_vae/seed-0 --kind scores --save pictures
+  python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0
 
 `python -m study.run all --help` lists every setting.
 """
@@ -74,6 +82,8 @@ class Command:
     only: str | None = None
     cell: str | None = None
     kind: str = "forecast"
+    save: str | None = None
+    cells: Sequence[str] = ()
     environment: str | None = None
     to: str | None = None
 

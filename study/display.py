@@ -93,7 +93,7 @@ class Display:
             if outcome.task in self._bars:
                 self._live.remove_task(self._bars.pop(outcome.task))
         count = f"[{len(self.ended)}/{len(self.tasks)}]"
-        name = f"{outcome.task.stage:9} {outcome.task.label}"
+        name = f"{outcome.task.stage:11} {outcome.task.label}"
         if outcome.error is None:
             self._say(f"{count} {name}  {outcome.seconds:.1f} s")
         else:

@@ -18,7 +18,7 @@ import numpy as np
 from study.artifacts import Store, Task
 from study.progress import Progress
 
-STAGES = ("collect", "ensemble", "tune", "train", "evaluate", "record")
+STAGES = ("collect", "record_data", "ensemble", "tune", "train", "evaluate", "record")
 
 
 class Stage(Protocol):

@@ -1,6 +1,7 @@
 """Which stages a cell needs, and what each one depends on.
 
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
+       └─► record_data ────────────────────────────────────►┘
 
 A task depends on the settings that it is given here and on the tasks before it, and on nothing
 else; what several cells share (data, an ensemble) is one task.
@@ -23,7 +24,8 @@ STAGE_VERSIONS = {
     "tune": 1,
     "train": 1,
     "evaluate": 2,
-    "record": 2,
+    "record": 3,
+    "record_data": 1,
 }
 
 
@@ -91,9 +93,18 @@ class Pipeline:
         label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
         return self._task("evaluate", label, settings, **inputs)
 
+    def record_data(self, environment: str) -> Task:
+        """The Rerun recording of one environment's training data."""
+        settings = {"environment": environment}
+        return self._task("record_data", environment, settings, data=self.collect(environment))
+
     def record(self, cell: Cell) -> Task:
-        """The cell's Rerun recordings."""
-        inputs = {"data": self.collect(cell.environment), "evaluation": self.evaluate(cell)}
+        """The cell's Rerun recordings; those of its data are published with them."""
+        inputs = {
+            "data": self.collect(cell.environment),
+            "data_recording": self.record_data(cell.environment),
+            "evaluation": self.evaluate(cell),
+        }
         if cell.model == "ensemble":
             inputs["ensemble"] = self.ensemble(cell)
         elif not cell.is_reference:

@@ -161,6 +161,8 @@ def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
     for cell, task in complete.items():
         for path in store.folder(task).glob("*.rrd*"):
             files[out / "recordings" / cell.name / path.name] = path
+        for path in store.folder(task.inputs["data_recording"]).glob("*.rrd*"):
+            files[out / "recordings" / cell.environment / path.name] = path
         if "trained" in task.inputs:
             weights = store.folder(task.inputs["trained"]) / "model.safetensors"
             files[out / "weights" / f"{cell.name}.safetensors"] = weights

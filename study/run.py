@@ -38,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
             "status": show_status,
             "figures": draw_figures,
             "view": view,
+            "compare": compare,
             "portrait": portrait,
             "export": export,
         }[command.command](command)
@@ -112,7 +113,7 @@ def show_plan(command: Command) -> int:
     tasks = line_up(records[cell] for cell in chosen)
     states = {task: store.why_not(task) for task in tasks}
     for task, why in states.items():
-        _say(console, f"{task.stage:9} {task.label:36} {why or 'up to date'}")
+        _say(console, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]
     unpublished = report.why_not_published(command.config, records, store, command.out, due)
     publishing = f"results: {unpublished or 'up to date'}"
@@ -144,22 +145,63 @@ def draw_figures(command: Command) -> int:
 
 
 def view(command: Command) -> int:
-    """Open a cell's recording."""
-    from study.recording.viewer import open_viewer
+    """Open a recording; or, with no screen, write pictures of all its views."""
+    from study.recording.viewer import open_viewer, screenshots
 
-    names = [cell.name for cell in cells(command.config)]
-    if command.cell not in names:
-        raise BadInput(f"unknown cell '{command.cell}': {nearest(str(command.cell), names)}")
-    if command.kind not in KINDS:
-        raise BadInput(f"--kind: got '{command.kind}'; {nearest(command.kind, KINDS)}")
-    folder = command.out / "recordings" / command.cell
-    path = folder / f"{command.kind}.rrd"
-    if not path.is_file():
-        there = sorted(file.stem for file in folder.glob("*.rrd"))
-        hint = f"--kind: {', '.join(there)}" if there else "python -m study.run all"
-        raise StudyError(f"there is no recording {path}; there is {hint}")
-    open_viewer([path])
+    path = _recording(command)
+    if command.save is None:
+        open_viewer([path])
+        return 0
+    try:
+        shown = screenshots(path, Path(command.save))
+    except (NotADirectoryError, FileExistsError):
+        raise BadInput(f"--save: '{command.save}' is no folder") from None
+    print(*shown.pages, *shown.views.values(), sep="\n")
+    for problem in shown.problems:
+        print(f"error: {problem}", file=sys.stderr)
+    return 1 if shown.problems else 0
+
+
+def compare(command: Command) -> int:
+    """Cells side by side."""
+    from study import compare
+
+    known = [cell.name for cell in cells(command.config)]
+    for name in command.cells:
+        _check_cell(name, known)
+    folder = command.out / "recordings"
+    differing, scores = compare.compare({n: folder / n / "scores.rrd" for n in command.cells})
+    compare.print_comparison(_console(), differing, scores)
     return 0
+
+
+def _recording(command: Command) -> Path:
+    """The recording that `view` is to open: of a cell, or of an environment's data.
+
+    Raises:
+        BadInput: there is no such cell or kind.
+        StudyError: it has not been made.
+    """
+    recordings, name = command.out / "recordings", str(command.cell)
+    environments = list(command.config.grid.environments)
+    if name in environments:
+        path = recordings / name / "data.rrd"
+    else:
+        _check_cell(name, [*(c.name for c in cells(command.config)), *environments])
+        if command.kind not in KINDS:
+            raise BadInput(f"--kind: got '{command.kind}'; {nearest(command.kind, KINDS)}")
+        path = recordings / name / f"{command.kind}.rrd"
+    if not path.is_file():
+        there = sorted(file.stem for file in (recordings / name).glob("*.rrd"))
+        kinds = ", ".join(kind for kind in there if kind in KINDS)
+        hint = f"--kind: {kinds}" if kinds else "python -m study.run all"
+        raise StudyError(f"there is no recording {path}; there is {hint}")
+    return path
+
+
+def _check_cell(name: str, known: list[str]) -> None:
+    if name not in known:
+        raise BadInput(f"unknown cell '{name}': {nearest(name, known)}")
 
 
 def portrait(command: Command) -> int:

@@ -43,7 +43,7 @@ def test_a_stage_that_raises(copied: Path, small: Path, monkeypatch: pytest.Monk
     monkeypatch.delenv("QUICKSAND")
     done = study("all", *BOTH, "--out", copied)
     assert done.code == 0
-    assert "\n[13/13] " in done.out
+    assert "\n[14/14] " in done.out
     weights = "weights/cart/low/full_vae/seed-0.safetensors"
     assert results(copied)[weights] == results(small)[weights]
 
@@ -137,4 +137,5 @@ def test_a_damaged_recording_is_not_opened(copied: Path) -> None:
 
 def test_what_a_stage_prints_goes_to_its_log(copied: Path) -> None:
     logs = {path.name.partition("-")[0] for path in Store(copied / "work").root.glob("logs/*.log")}
-    assert logs == {"collect", "ensemble", "tune", "train", "evaluate", "record"}
+    stages = {"collect", "record_data", "ensemble", "tune", "train", "evaluate", "record"}
+    assert logs == stages

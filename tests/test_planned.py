@@ -99,7 +99,7 @@ def test_a_finished_study_is_looked_at_without_torch(smoke: tuple[Path, Done]) -
         [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "0 of 64 stages to run" in done.stdout
+    assert "0 of 66 stages to run" in done.stdout
 
 
 def test_the_content_is_json_that_a_person_may_read(remembered: Store) -> None:

@@ -20,8 +20,8 @@ GRID = cells(parse(["all", *SMOKE]).config)
 MODELS = [cell for cell in GRID if not cell.is_reference]
 VAES = [cell for cell in GRID if cell.model.endswith("vae")]
 LINE = re.compile(
-    r"64 stages to run, \d+ at a time; results in .*"
-    r"|\[\d+/64\] (collect|ensemble|tune|train|evaluate|record) +\S+  \d+\.\d s"
+    r"66 stages to run, \d+ at a time; results in .*"
+    r"|\[\d+/66\] (collect|record_data|ensemble|tune|train|evaluate|record) +\S+  \d+\.\d s"
     r"|(claims|tables|figures|recordings) +\S+"
     r"|  … .*"  # a slow machine is heard of every minute
 )
@@ -74,7 +74,7 @@ def test_the_rest_of_the_results(smoke: tuple[Path, Done]) -> None:
         assert (out / f"figures/mmd_{environment}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"figures/mmd_{environment}.pdf").read_bytes().startswith(b"%PDF")
     seconds = read_json(out / "timings.json")["seconds"]
-    assert len(seconds) == 64
+    assert len(seconds) == 66
     assert min(seconds.values()) > 0
 
 
@@ -113,9 +113,9 @@ def test_plan_and_status_of_a_finished_study(smoke: tuple[Path, Done]) -> None:
     before = files(out)
     plan = study("plan", *SMOKE, "--out", out)
     assert plan.due() == {}
-    assert plan.out.endswith("\n0 of 64 stages to run; results: up to date\n")
+    assert plan.out.endswith("\n0 of 66 stages to run; results: up to date\n")
     status = study("status", *SMOKE, "--out", out)
-    assert sum(" done " in line for line in status.out.splitlines()) == 64
+    assert sum(" done " in line for line in status.out.splitlines()) == 66
     assert files(out) == before
 
 
@@ -143,9 +143,9 @@ def test_a_part_of_the_grid(smoke: tuple[Path, Done]) -> None:
 
 def test_figures_again_from_the_results_alone(smoke: tuple[Path, Done], tmp_path: Path) -> None:
     out, _ = smoke
-    for name in files(out, "*.parquet", "illustrations/**/*"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes((out / name).read_bytes())
+    for copied in files(out, "*.parquet", "illustrations/**/*"):
+        (tmp_path / copied).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / copied).write_bytes((out / copied).read_bytes())
     done = study("figures", *SMOKE, "--out", tmp_path)
     assert done.code == 0
     drawn = {Path(line).relative_to(tmp_path) for line in done.out.splitlines()}

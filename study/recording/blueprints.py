@@ -1,11 +1,12 @@
 """What each kind of recording looks like when it is opened: its views, and its timeline."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import rerun.blueprint as rrb
 
 from study.recording import charts
 from study.recording.properties import README
+from study.recording.spread import TITLE as SPREAD
 
 Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
@@ -116,6 +117,7 @@ def forecast(
     roots: Mapping[str, str],
     bands: Mapping[str, Sequence[Band]],
     eyes: Mapping[str, rrb.EyeControls3D],
+    split: Collection[str] = (),
     columns: int = 2,
     rows: int = 3,
 ) -> rrb.Blueprint:
@@ -125,6 +127,7 @@ def forecast(
         roots: entity root of each scenario, by the tab's title.
         bands: for each root, the title, entity and range of each state dimension's bands.
         eyes: where each scene is looked at from.
+        split: the roots whose variance is split into aleatoric and epistemic.
     """
     tabs = []
     for title, root in roots.items():
@@ -143,11 +146,11 @@ def forecast(
             eye_controls=eyes[root],
             line_grid=False,
         )
-        left = rrb.Vertical(
-            scene,
-            plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05)),
-            row_shares=[3, 2],
-        )
+        below: rrb.View | rrb.Container
+        below = plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05))
+        if root in split:
+            below = rrb.Horizontal(below, plot(SPREAD, [f"{root}/spread"]))
+        left = rrb.Vertical(scene, below, row_shares=[3, 2])
         right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]
         about = readme(f"{root}/about", "About this scenario")
         tabs.append(rrb.Horizontal(about, left, right, column_shares=[2, 5, 6], name=title))
@@ -191,3 +194,70 @@ def _training_view(metric: str) -> str:
         if any(key in words if len(key) < 4 else key in text for key in keys):
             return title
     return "Other"
+
+
+def data(
+    roots: Mapping[str, str],
+    signals: Mapping[str, Sequence[tuple[str, str]]],
+    eyes: Mapping[str, rrb.EyeControls3D],
+    close_ups: Mapping[str, rrb.EyeControls3D],
+) -> rrb.Blueprint:
+    """Training data: a tab a trajectory, with the scene in 3D and every signal of all of them.
+
+    Args:
+        roots: entity root of each trajectory that has a tab, by the tab's title.
+        signals: title and entity of each signal, by the page that they are on.
+        eyes: where each scene is looked at from.
+        close_ups: for each root whose bodies are too small beside their paths, an eye of their own.
+    """
+    tabs = []
+    for title, root in roots.items():
+        scene = ["/scene/**", f"{root}/scene/**"]
+        paths = ["/paths/**", f"{root}/paths/**"]
+        distance = plot(
+            "Distance to the target [m]", ["/distance", f"{root}/distance", "/radius"], legend=None
+        )
+        below: rrb.View | rrb.Container = distance
+        if root in close_ups:
+            close = _scene("Close-up", [*scene, f"{root}/paths/run"], close_ups[root])
+            below = rrb.Horizontal(close, distance)
+        left = rrb.Vertical(_scene("Paths", [*scene, *paths], eyes[root]), below, row_shares=[3, 2])
+        pages = [
+            rrb.Grid(
+                *(plot(name, [entity, f"{root}{entity}"], legend=None) for name, entity in page),
+                grid_columns=2,
+                name=name,
+            )
+            for name, page in signals.items()
+        ]
+        about = readme(f"{root}/about", "About this trajectory")
+        tabs.append(
+            rrb.Horizontal(about, left, rrb.Tabs(*pages), column_shares=[2, 5, 6], name=title)
+        )
+    return blueprint("step", rrb.Tabs(*tabs, readme()), playing=True)
+
+
+def study(curves: Mapping[str, Sequence[str]], texts: Mapping[str, str]) -> rrb.Blueprint:
+    """A whole study: the discrepancy of all cells, a plot an environment, and what it comes to.
+
+    Args:
+        curves: the entities of each plot, by its title.
+        texts: the entity of each text, by its title.
+    """
+    plots = [
+        plot(title, entities, legend=rrb.Corner2D.RightBottom) for title, entities in curves.items()
+    ]
+    panels = rrb.Tabs(*(readme(entity, title) for title, entity in texts.items()))
+    right = (
+        rrb.Vertical(rrb.Horizontal(*plots), panels, row_shares=[3, 2])
+        if texts
+        else (rrb.Horizontal(*plots))
+    )
+    return blueprint("horizon", rrb.Horizontal(readme(), right, column_shares=[1, 3]))
+
+
+def _scene(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.View:
+    """A scene in 3D, without Rerun's own grid."""
+    return rrb.Spatial3DView(
+        origin="/", contents=list(contents), name=name, eye_controls=eye, line_grid=False
+    )

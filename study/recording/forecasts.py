@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from study.recording import bands, blueprints, fans, scenes
+from study.recording import bands, blueprints, fans, scenes, spread
 from study.recording.palette import FORECAST, OBSERVED
 from study.recording.properties import Properties, write_markdown, write_readme
 from study.recording.streams import entity_path, recording, send_scalars, style_lines
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 KIND = "forecast"
 TIMELINE = "horizon"
-FANS = 30
+FANS = 20
 """So many paths are drawn of what was observed, and of the forecast; the bands are of all."""
 
 Floats = NDArray[np.float32]
@@ -37,9 +37,21 @@ _HOW_TO_READ = """
 actions. A perfect forecast is spread like the observed: neither wider nor narrower.
 
 - *3D*: their paths; dots mark where they are at the time cursor. **Green** is the target and how
-  close to it counts as success. The scene, and the **orange** dot, follow one observed run.
+  close to it counts as success. The scene, and the **yellow** dot, follow one observed run.
 - *Probability*: how many have come close enough so far.
 - *State*: the outer lines hold 5–95 %, the inner ones 25–75 %; the thick line is the median.
+"""
+_OF_MEMBERS = """
+## The ensemble
+
+In 3D each of the {members} members has a colour: its own forecast is **thick**, the samples around
+it are **thin**. How far the thick lie apart is *epistemic*: what the model does not know. How far
+the thin lie from their thick one is *aleatoric*: the noise that it foresees.
+"""
+_OF_SPLIT = """
+*Spread of position* shows both parts as standard deviations (variances add: total² = epistemic² +
+aleatoric²). Observed runs differ by noise alone, so the aleatoric line (**yellow**) should lie on
+the observed (**grey**); the epistemic one (**vermilion**) shrinks with more data.
 """
 
 
@@ -57,6 +69,9 @@ class Pick:
         forecast: [K, T, D], the states that were forecast.
         member: [K] int, the ensemble member behind each forecast, or None.
         members: [M, T, D], the members' own forecasts, or None.
+        aleatoric: [T] m², the aleatoric part of the variance that is forecast for the position,
+            summed over its axes; None without an ensemble.
+        epistemic: [T] m², the epistemic part.
     """
 
     scenario: int
@@ -68,11 +83,18 @@ class Pick:
     forecast: Floats
     member: NDArray[np.int64] | None = None
     members: Floats | None = None
+    aleatoric: NDArray[np.float64] | None = None
+    epistemic: NDArray[np.float64] | None = None
 
     @property
     def title(self) -> str:
         """The tab's title."""
         return self.rule.split(":")[0].strip()[:32] or f"scenario {self.scenario}"
+
+    @property
+    def is_split(self) -> bool:
+        """Whether the variance that is forecast is split into aleatoric and epistemic."""
+        return self.aleatoric is not None and self.epistemic is not None
 
 
 def record_forecast(
@@ -81,8 +103,8 @@ def record_forecast(
     """Write the recording of some scenarios' forecasts."""
     titles = _titles(picks)
     roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
-    spread = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
-    design = _design(simulator, picks, roots, spread)
+    quantiles = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
+    design = _design(simulator, picks, roots, quantiles)
     # Hundreds of small entities: an index of them would be larger than what it points to.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README, properties)
@@ -91,7 +113,7 @@ def record_forecast(
         scenes.log_bodies(stream, "/scene", model, fixed)
         if picks:
             scenes.log_poses(stream, "/scene", model, fixed, simulator.configuration(picks[0].s0))
-        for root, pick, (observed, forecast) in zip(roots.values(), picks, spread, strict=True):
+        for root, pick, (observed, forecast) in zip(roots.values(), picks, quantiles, strict=True):
             _log_about(stream, root, simulator, pick)
             _log_scene(stream, f"{root}/scene", simulator, model, pick)
             fans.log_paths(
@@ -101,9 +123,13 @@ def record_forecast(
                 pick.task,
                 pick.observed[:FANS],
                 pick.forecast[:FANS],
+                None if pick.member is None else pick.member[:FANS],
                 pick.members,
             )
             _log_success(stream, f"{root}/success", simulator, pick)
+            if pick.aleatoric is not None and pick.epistemic is not None:
+                seen = simulator.position(pick.observed)
+                spread.log_spread(stream, f"{root}/spread", seen, pick.aleatoric, pick.epistemic)
             for dimension, variable in enumerate(simulator.state):
                 entity = entity_path(*root.strip("/").split("/"), "state", variable.name)
                 bands.log_bands(stream, entity, observed[..., dimension], forecast[..., dimension])
@@ -130,11 +156,11 @@ def _design(
     simulator: "Simulator",
     picks: Sequence[Pick],
     roots: dict[str, str],
-    spread: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    quantiles: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> rrb.Blueprint:
     views: dict[str, list[tuple[str, str, tuple[float, float] | None]]] = {}
     eyes: dict[str, rrb.EyeControls3D] = {}
-    for root, pick, (observed, forecast) in zip(roots.values(), picks, spread, strict=True):
+    for root, pick, (observed, forecast) in zip(roots.values(), picks, quantiles, strict=True):
         views[root] = [
             (
                 bands.title(variable),
@@ -144,7 +170,8 @@ def _design(
             for dimension, variable in enumerate(simulator.state)
         ]
         eyes[root] = fans.eye(simulator.position(pick.observed[:FANS]), simulator.target(pick.task))
-    return blueprints.forecast(roots, views, eyes)
+    split = {root for root, pick in zip(roots.values(), picks, strict=True) if pick.is_split}
+    return blueprints.forecast(roots, views, eyes, split)
 
 
 def _log_about(stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick) -> None:
@@ -159,7 +186,9 @@ def _log_about(stream: rr.RecordingStream, root: str, simulator: "Simulator", pi
         f"## How to read it\n{_HOW_TO_READ}"
     )
     if pick.members is not None:
-        text += f"- *Thick coloured paths*: the {len(pick.members)} members of the ensemble.\n"
+        text += _OF_MEMBERS.format(members=len(pick.members))
+    if pick.is_split:
+        text += _OF_SPLIT
     write_markdown(stream, f"{root}/about", text)
 
 

@@ -4,8 +4,11 @@ Colour = tuple[int, int, int, int]
 
 FORECAST: Colour = (62, 134, 222, 255)
 OBSERVED: Colour = (150, 150, 150, 255)
-TARGET: Colour = (46, 160, 90, 255)
+TARGET: Colour = (0, 190, 80, 255)
+ALEATORIC: Colour = (214, 168, 32, 255)
+EPISTEMIC: Colour = (213, 94, 0, 255)
 NOW: Colour = (235, 150, 30, 255)
+RUN: Colour = (250, 210, 40, 255)  # in a 3D scene only: too light on a white ground
 REFERENCE: Colour = (140, 140, 140, 160)
 FRAME: Colour = (128, 128, 128, 255)
 

@@ -35,23 +35,21 @@ def scalars(path: Path, entity: str) -> pd.DataFrame:
         StudyError: the file cannot be read, or it holds no scalars of that name.
     """
     entity = "/" + entity.strip("/")
-    frames, names = [], None
-    for chunk in _chunks(path, entity):
-        batch = chunk.to_record_batch()
-        if _SCALARS in batch.schema.names:
-            frames.append(_frame(batch))
-        elif _NAMES in batch.schema.names:
-            names = batch.column(_NAMES).to_pylist()[-1]
-    if not frames:
+    frames = _frames(_chunks(path, entity))
+    if entity not in frames:
         raise StudyError(
             f"{path} holds no scalars of '{entity}': {nearest(entity, entities(path))}"
         )
-    frame = pd.concat(frames).sort_index(kind="stable")
-    if frame.shape[1] == 1:
-        frame.columns = pd.Index(["value"])
-    elif names is not None and len(names) == frame.shape[1]:
-        frame.columns = pd.Index(names)
-    return frame
+    return frames[entity]
+
+
+def scalars_below(path: Path, entity: str) -> dict[str, pd.DataFrame]:
+    """The scalars of an entity and of all below it, each as `scalars` gives them, in one reading.
+
+    Raises:
+        StudyError: the file is missing or is not a recording.
+    """
+    return _frames(_chunks(path, f"/{entity.strip('/')}/**"))
 
 
 def properties(path: Path) -> dict[str, str | int | float]:
@@ -82,6 +80,27 @@ def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise StudyError(f"cannot read the recording {path}: {reason}") from error
+
+
+def _frames(chunks: Iterator[Any]) -> dict[str, pd.DataFrame]:
+    """By entity path, sorted: the scalars of all chunks together, under the names of the series."""
+    parts: dict[str, list[pd.DataFrame]] = {}
+    names: dict[str, list[str]] = {}
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if _SCALARS in batch.schema.names:
+            parts.setdefault(chunk.entity_path, []).append(_frame(batch))
+        elif _NAMES in batch.schema.names:
+            names[chunk.entity_path] = batch.column(_NAMES).to_pylist()[-1]
+    frames = {}
+    for entity in sorted(parts):
+        frame = pd.concat(parts[entity]).sort_index(kind="stable")
+        if frame.shape[1] == 1:
+            frame.columns = pd.Index(["value"])
+        elif len(names.get(entity, ())) == frame.shape[1]:
+            frame.columns = pd.Index(names[entity])
+        frames[entity] = frame
+    return frames
 
 
 def _frame(batch: pa.RecordBatch) -> pd.DataFrame:

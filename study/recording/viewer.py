@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryFile
+from typing import IO, Any, TypeVar
 
 from rerun.experimental import ViewerClient
 
@@ -21,6 +22,7 @@ from study.recording.files import check
 T = TypeVar("T")
 
 _PATIENCE = 60.0
+_HERE = "127.0.0.1"
 _NO_DRIVER = (
     "no Vulkan driver: the viewer cannot draw without one "
     "(on Debian or Ubuntu: apt-get install mesa-vulkan-drivers)"
@@ -123,17 +125,46 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
 
 @contextmanager
 def _headless() -> Iterator[ViewerClient]:
+    """A viewer without a window, for as long as the block lasts.
+
+    Not by way of `ViewerClient.spawn`, whose viewer listens to the whole network.
+    """
     if not has_driver():
         raise StudyError(_NO_DRIVER)
     with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
+        free.bind((_HERE, 0))
         port = free.getsockname()[1]
-    try:
-        client = ViewerClient.spawn(headless=True, port=port, executable_path=_executable())
-    except RuntimeError as error:
-        raise StudyError(f"the viewer does not start: {_first_line(error)}") from error
-    with client:
-        yield client
+    command = [_executable(), "--headless", "--bind", _HERE, "--port", str(port)]
+    with TemporaryFile() as log:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+        )
+        try:
+            yield _ask(partial(_connect, port, process, log))
+        finally:
+            process.terminate()
+            try:
+                process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _connect(port: int, process: subprocess.Popen[bytes], log: IO[bytes]) -> ViewerClient:
+    """A connection to a viewer that answers.
+
+    Raises:
+        ConnectionError: it does not answer yet.
+        StudyError: it has ended; with the last line of its log.
+    """
+    if process.poll() is not None:
+        log.seek(0)
+        lines = log.read().decode(errors="replace").strip().splitlines()
+        reason = lines[-1] if lines else f"exit code {process.returncode}"
+        raise StudyError(f"the viewer does not start: {reason}")
+    client = ViewerClient.connect(f"rerun+http://{_HERE}:{port}/proxy")
+    client.get_state()
+    return client
 
 
 def _executable() -> str:

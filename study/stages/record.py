@@ -14,8 +14,10 @@ from study import __version__
 from study.artifacts import MANIFEST
 from study.data.storage import load_arrays
 from study.envs import simulators
+from study.envs.simulator import Simulator
 from study.files import copy, read_json
 from study.grid import Cell
+from study.metrics.variance import decompose
 from study.progress import Progress
 from study.recording.files import checksum_path
 from study.recording.forecasts import Pick, record_forecast
@@ -41,8 +43,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     scores = pd.read_parquet(inputs["evaluation"] / "scores.parquet")
     record_scores(out / "scores.rrd", scores, properties)
     progress(0.5, "forecasts")
-    picks = _picks(inputs["evaluation"] / "picks.safetensors", scores)
-    simulator = simulators[cell.environment](horizon=picks[0].actions.shape[0])
+    simulator = simulators[cell.environment]()
+    picks = read_picks(inputs["evaluation"] / "picks.safetensors", scores, simulator)
     record_forecast(out / "forecast.rrd", simulator, picks, properties)
 
 
@@ -68,17 +70,22 @@ def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _picks(path: Path, scores: pd.DataFrame) -> list[Pick]:
+def read_picks(path: Path, scores: pd.DataFrame, simulator: Simulator) -> list[Pick]:
+    """What stage evaluate picked; with an ensemble, the variance of the position in its parts."""
     arrays, facts = load_arrays(path)
     discrepancy = scores[
         (scores.metric == "mmd2") & (scores.step == -1) & (scores.dimension == "all")
     ].set_index("scenario")["value"]
     each = ("s0", "actions", "task", "observed", "forecast", "member", "members")
-    return [
-        Pick(
-            scenario=int(scenario),
-            rule=f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}",
-            **{name: arrays[name][row] for name in each if name in arrays},
-        )
-        for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True))
-    ]
+    picks = []
+    for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True)):
+        of_pick = {name: arrays[name][row] for name in each if name in arrays}
+        if "member" in of_pick:
+            position = simulator.position(of_pick["forecast"])
+            # Unbiased: of few samples a member, the members' means differ by chance too.
+            parts = decompose(position[None], of_pick["member"][None])
+            of_pick["aleatoric"] = parts.aleatoric.sum(axis=-1)
+            of_pick["epistemic"] = parts.epistemic.sum(axis=-1)
+        title = f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}"
+        picks.append(Pick(scenario=int(scenario), rule=title, **of_pick))
+    return picks

@@ -1,12 +1,14 @@
 """What is written into recordings is what is read back from them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 
 from study.errors import StudyError
-from study.recording import bands, reading, scenes
+from study.recording import bands, fans, reading, scenes
 from study.recording.files import check, replacing
 from study.recording.forecasts import record_forecast, success_so_far
 from study.recording.scores import record_scores, reliability
@@ -59,6 +61,45 @@ def test_a_diverged_forecast_is_recorded(tmp_path: Path) -> None:
     pick.forecast[3:, 20:] = np.nan
     record_forecast(tmp_path / "f.rrd", toy.Puck(), [pick], {})
     assert reading.scalars(tmp_path / "f.rrd", "/median/state/x").shape == (30, 10)
+
+
+def test_the_spread_is_in_standard_deviations(forecast: Path) -> None:
+    pick = toy.picks(toy.Puck(), 2)[0]
+    frame = reading.scalars(forecast, "/median/spread")
+    seen = toy.Puck().position(pick.observed).astype(float).var(axis=0, ddof=1).sum(axis=-1)
+    np.testing.assert_allclose(frame["observed"] ** 2, seen, rtol=1e-6)
+    assert pick.aleatoric is not None
+    assert pick.epistemic is not None
+    np.testing.assert_allclose(frame["forecast: aleatoric"] ** 2, pick.aleatoric, atol=1e-12)
+    # An estimate below zero is drawn as none.
+    assert pick.epistemic.min() < 0
+    known = np.maximum(pick.epistemic, 0)
+    np.testing.assert_allclose(frame["forecast: epistemic"] ** 2, known, atol=1e-12)
+
+
+def test_without_an_ensemble_nothing_is_split(tmp_path: Path) -> None:
+    pick = replace(
+        toy.picks(toy.Puck(), 1)[0], member=None, members=None, aleatoric=None, epistemic=None
+    )
+    record_forecast(tmp_path / "f.rrd", toy.Puck(), [pick], {})
+    found = reading.entities(tmp_path / "f.rrd")
+    assert "/median/paths/forecast" in found
+    assert not {"/median/spread", "/median/paths/members"} & set(found)
+
+
+def test_the_eye_sees_a_flight_from_the_side_and_a_table_from_above() -> None:
+    along = np.linspace([0.0, 0.0, 20.0], [100.0, 0.0, 30.0], 50, dtype=np.float32)[None]
+    beside = _position(fans.eye(along, along[0, -1]))
+    assert abs(beside[0] - 50) < 1  # across the way, from the south
+    assert beside[1] < -50
+    flat = along * np.array([1, 1, 0], dtype=np.float32)
+    above = _position(fans.eye(flat, flat[0, -1]))
+    assert above[2] > 2 * abs(above[1])
+
+
+def _position(eye: rrb.EyeControls3D) -> np.ndarray:
+    assert eye.position is not None
+    return np.asarray(eye.position.as_arrow_array().to_pylist()[0])
 
 
 def test_a_forecast_recording_is_small(tmp_path: Path) -> None:

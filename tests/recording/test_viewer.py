@@ -71,7 +71,7 @@ def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
     _need_driver()
     path = tmp_path / f"{kind}.rrd"
     KINDS[kind](path)
-    shown = viewer.screenshots(path, tmp_path / "png")
+    shown = viewer.screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
     documents = {"README", "About this scenario", "Hyperparameters"}
     for name, image in shown.views.items():

@@ -133,6 +133,8 @@ def picks(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Pick]
                 forecast=forecast.astype(np.float32),
                 member=np.arange(samples) % 3,
                 members=other[:3],
+                aleatoric=np.linspace(0.0, 0.03, other.shape[1]),
+                epistemic=np.linspace(-0.001, 0.01, other.shape[1]),
             )
         )
     return made

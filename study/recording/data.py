@@ -1,0 +1,277 @@
+"""The recording of training data: what a model learns from, trajectory by trajectory."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from study.data.trajectories import Trajectories
+from study.recording import bands, blueprints, fans, scenes
+from study.recording.palette import NOW, OBSERVED, TARGET, faint
+from study.recording.properties import Properties, table, write_markdown, write_readme
+from study.recording.streams import (
+    entity_path,
+    finite,
+    recording,
+    send_scalars,
+    style_lines,
+    time_column,
+)
+
+if TYPE_CHECKING:
+    from study.envs.simulator import Simulator, Variable
+
+KIND = "data"
+TIMELINE = "step"
+# Bodies that are smaller than this share of what the paths span need a view of their own.
+_TINY = 0.02
+# So many plots of signals stand on a page.
+_PAGE = 8
+
+_README = """
+# Training data
+
+What the models of this environment learn from: trajectories of the real system, each with a
+beginning, a target and noise of its own. Actions are planned without noise, then executed in it.
+Each of the first tabs follows one trajectory through the scene; **grey** are all the others here.
+"""
+_HOW_TO_READ = """
+**Orange** is this trajectory, **grey** are the others of this recording.
+
+- *3D*: the paths; the orange dot, and the scene, are where the trajectory is at the time cursor.
+  **Green** is its target and how close to it counts as success; green dots are the others' targets.
+- *Distance*: success is to come below the green line.
+- *Signals*: actions are what the model is told, states what it has to forecast.
+"""
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """A trajectory to look at closely: its row, the tab's title, and why it was chosen."""
+
+    row: int
+    title: str
+    rule: str
+
+    @property
+    def root(self) -> str:
+        return entity_path(self.title.lower().replace(" ", "_"))
+
+
+def record_data(
+    path: Path, simulator: "Simulator", trajectories: Trajectories, properties: Properties
+) -> None:
+    """Write the recording of some trajectories: about 20 are enough to see how they vary.
+
+    `/state/NAME` and `/action/NAME` hold a column a trajectory on the timeline `step`, an action
+    at the step it starts from; `/hidden/NAME` a row a trajectory on the timeline `trajectory`.
+    Whatever is not finite is left out.
+    """
+    paths = simulator.position(trajectories.states).astype(np.float32)
+    targets = np.asarray(simulator.target(trajectories.task), dtype=np.float32)
+    distance = finite(np.linalg.norm(paths - targets[:, None], axis=-1))
+    chosen = _choose(distance)
+    model = simulator.scene()
+    design = _design(simulator, model, chosen, paths, targets)
+    with recording(path, KIND, properties, design, footer=False) as stream:
+        write_readme(stream, _README + _tables(simulator, trajectories, distance), properties)
+        fixed = scenes.fixed_bodies(model)
+        scenes.log_bodies(stream, "/scene", model, fixed)
+        pose = simulator.configuration(trajectories.states[0, 0])
+        scenes.log_poses(stream, "/scene", model, fixed, pose)
+        fans.log_fan(stream, "/paths/all", paths, faint(OBSERVED, 110))
+        dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
+        stream.log("/paths/targets", dots, static=True)
+        _log_signals(stream, simulator, trajectories, distance, chosen)
+        for one in chosen:
+            write_markdown(stream, f"{one.root}/about", _about(simulator, trajectories, one))
+            fans.log_target(stream, f"{one.root}/paths/target", targets[one.row], simulator.radius)
+            _log_run(stream, one.root, simulator, model, trajectories.states[one.row])
+
+
+def _choose(distance: NDArray[np.float64]) -> list[_Chosen]:
+    """The trajectories that come closest to, and stay farthest from, their targets; the median."""
+    closest = np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1)
+    order = np.argsort(closest, kind="stable")
+    rules = (
+        (order[0], "Closest", "comes closest to its target"),
+        (order[len(order) // 2], "Median", "comes as close to its target as the median"),
+        (order[-1], "Farthest", "stays farthest from its target"),
+    )
+    picked: dict[int, _Chosen] = {}
+    for row, title, rule in rules:
+        picked.setdefault(int(row), _Chosen(int(row), title, rule))
+    return list(picked.values())
+
+
+def _design(
+    simulator: "Simulator",
+    model: Any,
+    chosen: list[_Chosen],
+    paths: NDArray[np.float32],
+    targets: NDArray[np.float32],
+) -> rrb.Blueprint:
+    telling = tuple(v for v in simulator.state if v.name in simulator.telling)
+    others = tuple(v for v in simulator.state if v.name not in simulator.telling)
+    pages = {
+        "Actions, and what they do" if telling else "Actions": [
+            *_signals("action", simulator.action),
+            *_signals("state", telling),
+        ]
+    }
+    state = _signals("state", others)
+    count = -(-len(state) // _PAGE)
+    for page in range(count):
+        part = state[page * len(state) // count : (page + 1) * len(state) // count]
+        pages[f"State {page + 1}" if count > 1 else "State"] = part
+    eyes = {one.root: fans.eye(paths, targets[one.row]) for one in chosen}
+    closest = {one.root: _close_up(model, paths, one.root) for one in chosen}
+    return blueprints.data(
+        {one.title: one.root for one in chosen},
+        pages,
+        eyes,
+        {root: eye for root, eye in closest.items() if eye is not None},
+    )
+
+
+def _signals(group: str, variables: tuple["Variable", ...]) -> list[tuple[str, str]]:
+    """Title and entity of each variable's plot; an action may have the name of a state."""
+    return [(f"{group} {bands.title(v)}", entity_path(group, v.name)) for v in variables]
+
+
+def _close_up(model: Any, paths: NDArray[np.float32], root: str) -> rrb.EyeControls3D | None:
+    """Follow the bodies closely where they are too small to be seen beside their paths."""
+    moving = scenes.moving_bodies(model)
+    points = paths.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not moving or not len(points):
+        return None
+    geoms = np.isin(model.geom_bodyid, moving)
+    if not geoms.any():
+        return None
+    away = np.linalg.norm(model.geom_pos[geoms], axis=1) + model.geom_rbound[geoms]
+    size = float(away.max())
+    if size > _TINY * float(np.ptp(points, axis=0).max()):
+        return None
+    body = model.body(moving[0]).name or f"body_{moving[0]}"
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=points[0] + 2.5 * size * np.array([-0.5, -1.0, 0.6]),
+        look_target=points[0],
+        eye_up=(0, 0, 1),
+        tracking_entity=f"{root}/scene/{body}",
+    )
+
+
+def _log_signals(
+    stream: rr.RecordingStream,
+    simulator: "Simulator",
+    trajectories: Trajectories,
+    distance: NDArray[np.float64],
+    chosen: list[_Chosen],
+) -> None:
+    """Each signal of all trajectories, a column each; and once more that of those looked at."""
+    names = [f"trajectory {row}" for row in range(len(trajectories))]
+    grey = [faint(OBSERVED, 110)] * len(names)
+    signals: dict[str, NDArray[Any]] = {"distance": distance}
+    for group, variables, values in (
+        ("state", simulator.state, trajectories.states),
+        ("action", simulator.action, trajectories.actions),
+    ):
+        for column, variable in enumerate(variables):
+            signals[entity_path(group, variable.name)] = finite(values[..., column])
+    for entity, values in signals.items():
+        steps = np.arange(values.shape[1])
+        style_lines(stream, entity, names, grey, 0.8)
+        send_scalars(stream, entity, TIMELINE, steps, values.T)
+        for one in chosen:
+            own = f"{one.root}/{entity.strip('/')}"
+            style_lines(stream, own, [f"trajectory {one.row}"], [NOW], 2.5)
+            send_scalars(stream, own, TIMELINE, steps, values[one.row])
+    steps = np.arange(trajectories.horizon + 1)
+    style_lines(stream, "radius", ["success"], [TARGET], 2.0)
+    send_scalars(stream, "radius", TIMELINE, steps, np.full(len(steps), simulator.radius))
+    for column, variable in enumerate(simulator.hidden):
+        rows, drawn = np.arange(len(trajectories)), finite(trajectories.hidden[:, column])
+        send_scalars(stream, entity_path("hidden", variable.name), "trajectory", rows, drawn)
+
+
+def _log_run(
+    stream: rr.RecordingStream,
+    root: str,
+    simulator: "Simulator",
+    model: Any,
+    states: NDArray[np.float32],
+) -> None:
+    """One trajectory [T+1, D] in the scene: its path, its dot, and the bodies' motion."""
+    lost = ~np.isfinite(states).all(axis=-1)
+    states = states[: max(1, int(lost.argmax()))] if lost.any() else states
+    path = simulator.position(states).astype(np.float32)
+    steps = np.arange(len(states))
+    line = rr.LineStrips3D([path], colors=[NOW], radii=rr.Radius.ui_points(2.0))
+    stream.log(f"{root}/paths/run", line, static=True)
+    look = rr.Points3D.from_fields(colors=[NOW], radii=rr.Radius.ui_points(6.0))
+    stream.log(f"{root}/paths/now", look, static=True)
+    dots = rr.Points3D.columns(positions=path)
+    stream.send_columns(f"{root}/paths/now", [time_column(TIMELINE, steps)], dots)
+    moving = scenes.moving_bodies(model)
+    scenes.log_bodies(stream, f"{root}/scene", model, moving)
+    qpos = simulator.configuration(states)
+    scenes.log_motion(stream, f"{root}/scene", model, moving, qpos, TIMELINE, steps)
+
+
+def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen) -> str:
+    """What there is to know of one trajectory, and how to read its views."""
+    states, task = trajectories.states[one.row], trajectories.task[one.row]
+    success = bool(simulator.outcome(states[1:], task))
+    seconds = simulator.control_step * trajectories.horizon
+    rows = [
+        (v.name, f"{x:.3g} {v.unit}", v.meaning) for v, x in zip(simulator.task, task, strict=True)
+    ]
+    text = (
+        f"# {one.title}\n\nTrajectory {one.row}: of the {len(trajectories)} here it *{one.rule}*. "
+        f"It {'**succeeds**' if success else 'does **not succeed**'} within {seconds:.3g} s "
+        f"({trajectories.horizon} steps of {simulator.control_step:g} s).\n\n"
+        f"## What was asked for\n\n{table(('task', 'value', 'meaning'), rows)}\n\n"
+        f"## What no model sees\n\n"
+    )
+    hidden = trajectories.hidden[one.row]
+    rows = [
+        (v.name, f"**{x:.3g} {v.unit}**", v.meaning)
+        for v, x in zip(simulator.hidden, hidden, strict=True)
+    ]
+    if rows:
+        text += table(("hidden", "value", "meaning"), rows) + "\n\nand noise at each step.\n\n"
+    else:
+        text += "The noise at each step; it has no hidden variables.\n\n"
+    return text + f"## How to read it\n{_HOW_TO_READ}"
+
+
+def _tables(
+    simulator: "Simulator", trajectories: Trajectories, distance: NDArray[np.float64]
+) -> str:
+    """The trajectories, and the variables, as tables for the README panel."""
+    success = simulator.outcome(trajectories.states[:, 1:], trajectories.task)
+    closest = np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1)
+    header = ("trajectory", *(bands.title(v) for v in simulator.hidden), "closest [m]", "success")
+    rows = [
+        (str(row), *(f"{x:.3g}" for x in hidden), f"{near:.3g}", "yes" if reached else "no")
+        for row, (hidden, near, reached) in enumerate(
+            zip(trajectories.hidden, closest, success, strict=True)
+        )
+    ]
+    variables = [
+        (group, v.name, v.unit, v.meaning)
+        for group in ("state", "action", "hidden", "task")
+        for v in getattr(simulator, group)
+    ]
+    return (
+        f"\n**{int(success.sum())} of {len(trajectories)} succeed**: they come within "
+        f"{simulator.radius:g} m of their target. What is hidden from models:\n\n"
+        f"{table(header, rows)}\n\n## Variables\n\n"
+        f"{table(('', 'name', 'unit', 'meaning'), variables)}\n"
+    )

@@ -1,0 +1,42 @@
+"""Recordings read back, as anyone would."""
+
+from pathlib import Path
+
+import pytest
+
+from study.errors import StudyError
+from study.recording import reading
+from study.recording.scores import record_scores
+from tests.recording import toy
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scores") / "scores.rrd"
+    record_scores(path, toy.scores(), toy.PROPERTIES)
+    return path
+
+
+def test_one_reading_gives_what_many_give(scores: Path) -> None:
+    below = reading.scalars_below(scores, "overall")
+    assert list(below) == [e for e in reading.entities(scores) if e.startswith("/overall/")]
+    for entity, frame in below.items():
+        assert frame.equals(reading.scalars(scores, entity))
+    table = toy.scores()
+    overall = table[(table.step == -1) & (table.scenario == -1)]
+    assert sorted(frame["value"].iloc[0] for frame in below.values()) == sorted(overall["value"])
+
+
+def test_nothing_below_is_no_error(scores: Path) -> None:
+    assert reading.scalars_below(scores, "/nowhere") == {}
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no recording", b"RRF2 but no more"])
+def test_what_is_no_recording_is_named_in_one_line(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "scores.rrd"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(StudyError) as error:
+        reading.properties(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
