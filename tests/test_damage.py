@@ -65,7 +65,7 @@ def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], N
     harm(copied / name)
     said = study("plan", *SMALL, "--out", copied)
     assert said.due() == {}
-    assert said.out.splitlines()[-1].startswith("0 of 13 stages to run; results: ")
+    assert said.out.splitlines()[-1].startswith("0 of 14 stages to run; results: ")
     assert name == "work/published.json" or str(copied / name) in said.out
     done = study("all", *SMALL, "--out", copied)
     assert done.code == 0
