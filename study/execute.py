@@ -78,6 +78,8 @@ def _prepare(task: Task, threads: int) -> None:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
     torch.use_deterministic_algorithms(True, warn_only=True)
+    # Memory that is about to be written need not be filled with NaN before.
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 - Optuna and Lightning may still look there
     torch.manual_seed(0)

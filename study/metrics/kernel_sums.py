@@ -130,9 +130,15 @@ class _Grid:
 
 def _short(x: Doubles, y: Doubles, grid: _Grid) -> Doubles:
     """Gaps [3, F, C] of columns that one period holds."""
-    phi, psi = (np.stack([power.mean(0) for power in grid.powers(z)]) for z in (x, y))
+    phi, psi = (_mean_powers(z, grid) for z in (x, y))
     met = np.stack([_product(phi, phi), _product(psi, psi), _product(phi, psi)])
     return np.einsum("fj,pjc->pfc", grid.weights, 1 - met)
+
+
+def _mean_powers(numbers: Doubles, grid: _Grid) -> Complexes:
+    """The empirical characteristic function [J, C] at the grid's frequencies."""
+    sums = [np.add.reduce(power, 0) for power in grid.powers(numbers)]
+    return np.asarray(np.stack(sums) / len(numbers), np.complex128)
 
 
 def _product(one: Complexes, other: Complexes) -> Doubles:

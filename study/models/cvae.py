@@ -64,11 +64,12 @@ class RecurrentCvae(nn.Module):
             condition: [B, T, C].
         """
         seen = [target, states, condition] if self.sees_target else [states, condition]
-        driven = self.encoder_driven(torch.cat(seen, -1).transpose(0, 1))
-        begin = driven.new_zeros(len(target), self.encoder_recurrent.in_features)
-        recurrent = self.encoder_recurrent
-        hidden = gru(driven, begin, recurrent.weight.T, recurrent.bias)
-        mean, log_variance = self.posterior(hidden.transpose(0, 1)).chunk(2, dim=-1)
+        entering, recurrent = self.encoder_driven, self.encoder_recurrent
+        begin = target.new_zeros(len(target), recurrent.in_features)
+        bias = torch.stack([entering.bias, recurrent.bias])
+        enter, weight = entering.weight.T, recurrent.weight.T
+        hidden = gru(torch.cat(seen, -1), begin, enter, weight, bias)
+        mean, log_variance = self.posterior(hidden).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
     def decode(
@@ -91,21 +92,18 @@ class RecurrentCvae(nn.Module):
             truth: s_{0:T-1} [B, T, D]: teacher forcing.
         """
         hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
-        driven = self.driven(torch.cat([condition, latent], -1).transpose(0, 1))
-        weight, bias, feed = self.recurrent.weight.T, self.recurrent.bias, self.feed.weight.T
+        inputs = torch.cat([condition, latent], -1)
+        enter = torch.cat([self.driven.weight, self.feed.weight], -1).T
+        weight, bias = self.recurrent.weight.T, torch.stack([self.driven.bias, self.recurrent.bias])
         out, offset = self.out.weight.T * self.output_scale, self.out.bias * self.output_scale
         # ŝ_{t+1} = x̂_{t+1} + b_{t+1}, and the state ŝ_t itself holds x̂_t + b_t.
-        base = baseline.transpose(0, 1)
-        drift = base[1:] - base[:-1] if self.increments else base[1:]
+        drift = baseline[:, 1:] - baseline[:, :-1] if self.increments else baseline[:, 1:]
         keep = float(self.increments)
         if truth is None:
             drift = drift + offset
-            _, states = feedback_gru(driven, drift, hidden, s0, weight, bias, feed, out, keep)
-        else:
-            before = truth.transpose(0, 1)
-            output = gru(driven + before @ feed, hidden, weight, bias) @ out + offset
-            states = keep * before + output + drift
-        return states.transpose(0, 1)
+            return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)[1]
+        hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
+        return keep * truth + hiddens @ out + offset + drift
 
     def loss(
         self, prediction: Tensor, truth: Tensor, mean: Tensor, log_variance: Tensor, beta: float

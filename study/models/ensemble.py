@@ -4,7 +4,6 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
@@ -49,8 +48,7 @@ class Members(nn.Module):
         state_size = len(change_scale)
         self.register_buffer("change_scale", change_scale.clone())
         self.start = StackedLinear(members, state_size, hidden_size)
-        # One input more, always 1: as the weight of a constant the offset costs no sum over steps.
-        self.driven = StackedLinear(members, action_size + 1, 3 * hidden_size, bias=False)
+        self.driven = StackedLinear(members, action_size, 3 * hidden_size)
         self.feed = StackedLinear(members, state_size, 3 * hidden_size, bias=False)
         self.recurrent = StackedLinear(members, hidden_size, 3 * hidden_size)
         self.out = StackedLinear(members, hidden_size, state_size)
@@ -60,19 +58,15 @@ class Members(nn.Module):
 
         With `truth` s_{0:T-1} [M, B, T, D] each step begins at the true state: teacher forcing.
         """
-        steps = functional.pad(torch.movedim(actions, 2, 0), (0, 1), value=1.0)  # time first
-        driven = self.driven(steps)
+        hidden, recurrent, feed = torch.tanh(self.start(s0)), self.recurrent, self.feed.weight
         out, drift = self.out.weight * self.change_scale, self.out.bias * self.change_scale
-        hidden, recurrent = torch.tanh(self.start(s0)), self.recurrent
+        enter = torch.cat([self.driven.weight, feed], dim=1)
+        weight, bias = recurrent.weight, torch.cat([self.driven.bias, recurrent.bias], dim=1)
         if truth is None:
-            steady = drift.expand(len(driven), *s0.shape)
-            feed, weight, bias = self.feed.weight, recurrent.weight, recurrent.bias
-            _, states = feedback_gru(driven, steady, hidden, s0, weight, bias, feed, out, 1.0)
-            return torch.movedim(states, 0, 2)
-        before = torch.movedim(truth, 2, 0)
-        driven = driven + self.feed(before)
-        change = gru(driven, hidden, recurrent.weight, recurrent.bias) @ out + drift
-        return torch.movedim(before + change, 0, 2)
+            steady = drift[:, :, None].expand(*actions.shape[:-1], -1)
+            return feedback_gru(actions, steady, hidden, s0, enter, weight, bias, out, 1.0)[1]
+        hiddens = gru(torch.cat([actions, truth], -1), hidden, enter, weight, bias)
+        return truth + hiddens @ out[:, None] + drift[:, :, None]
 
 
 class Ensemble(Model):
@@ -121,8 +115,7 @@ class Ensemble(Model):
         else:
             error = self.members(s0, actions) - truth
         errors = error.square().mean((1, 2, 3))
-        for index, error in enumerate(errors.detach()):
-            self.log(f"loss/member_{index}", error)
+        self.tell({f"loss/member_{index}": error for index, error in enumerate(errors)})
         # The members share no parameter, so the sum's gradient is each member's own.
         return errors.sum()
 

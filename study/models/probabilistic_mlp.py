@@ -54,7 +54,7 @@ class ProbabilisticMlp(Model):
         likelihood = 0.5 * (squares + log_variance + math.log(2 * math.pi)).sum(-1).mean()
         # Draws the bounds towards what the data need (Chua et al. 2018, appendix A.1).
         loss = likelihood + 0.01 * (self.highest.sum() - self.lowest.sum())
-        self.log_dict({"loss": loss.detach(), "loss/negative_log_likelihood": likelihood.detach()})
+        self.tell({"loss": loss, "loss/negative_log_likelihood": likelihood})
         return loss
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:

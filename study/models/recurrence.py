@@ -1,8 +1,8 @@
 """A gated recurrent unit that feeds its own output back, over a whole sequence at once.
 
 On a CPU a network of this size spends its time not on arithmetic but on the bookkeeping of
-thousands of small operations. So the sequence is gone through, forwards and backwards, by hand, and
-all that need not wait for the step before is done for the whole horizon at once.
+thousands of small operations. So there the sequence is gone through in C (`recurrence.c`), forwards
+and backwards; on a GPU, or without a C compiler, by `plain`, which is also how it is meant.
 """
 
 from typing import Any
@@ -10,150 +10,147 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from study.models import native
+
 
 def feedback_gru(
-    driven: Tensor,
+    inputs: Tensor,
     drift: Tensor,
     hidden: Tensor,
     state: Tensor,
+    enter: Tensor,
     weight: Tensor,
     bias: Tensor,
-    feed: Tensor,
     out: Tensor,
     keep: float,
 ) -> tuple[Tensor, Tensor]:
     """h_1 … h_T and s_1 … s_T of a GRU whose output state is fed back.
 
-        x = driven_t + s_t feed,   g = h_t weight + bias
+        x = [i_t, s_t] enter + bias_0,   g = h_t weight + bias_1
         r, u = σ(x + g),   n = tanh(x + r · g),   h_{t+1} = (1 − u) n + u h_t
         s_{t+1} = keep · s_t + h_{t+1} out + drift_t
 
     (The GRU of Cho et al. 2014, in the form of `torch.nn.GRU`; r, u and n have a third each of
-    the 3H components.) Leading axes `...` are independent networks, side by side.
+    the 3H components.) Leading axes `...`, none or one, are independent networks, side by side.
 
     Args:
-        driven: what drives the unit, already multiplied, [T, ..., B, 3H].
-        drift: what is added to the state, [T, ..., B, D].
+        inputs: i, what drives the unit, [..., B, T, C].
+        drift: what is added to the state, [..., B, T, D].
         hidden: h_0 [..., B, H].
         state: s_0 [..., B, D].
+        enter: [..., C + D, 3H].
         weight: [..., H, 3H].
-        bias: [3H] or [..., 1, 3H].
-        feed: [..., D, 3H].
+        bias: [..., 2, 3H].
         out: [..., H, D].
         keep: 1 where the unit gives the state's change, 0 where it gives the state.
 
     Returns:
-        hidden states [T, ..., B, H] and states [T, ..., B, D].
+        hidden states [..., B, T, H] and states [..., B, T, D].
     """
-    hiddens, states = _FeedbackGru.apply(
-        driven, drift, hidden, state, weight, bias, feed, out, keep
-    )
-    return hiddens, states
+    arguments = (inputs, drift, hidden, state, enter, weight, bias, out)
+    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in arguments)
+    if alike and native.library() is not None:
+        hiddens, states = _Compiled.apply(*arguments, keep)
+        return hiddens, states
+    return plain(*arguments, keep)
 
 
-def gru(driven: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """h_1 … h_T [T, ..., B, H] of the same unit without a state: see `feedback_gru`."""
-    nothing = driven.new_empty(*hidden.shape[:-1], 0)
-    *members, size, gates = weight.shape
-    feed, out = weight.new_empty(*members, 0, gates), weight.new_empty(*members, size, 0)
-    drift = driven.new_empty(len(driven), *nothing.shape)
-    return feedback_gru(driven, drift, hidden, nothing, weight, bias, feed, out, 0.0)[0]
+def gru(inputs: Tensor, hidden: Tensor, enter: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """h_1 … h_T [..., B, T, H] of the same unit without a state: see `feedback_gru`."""
+    drift, state, out = (each[..., :0] for each in (inputs, hidden, weight))
+    return feedback_gru(inputs, drift, hidden, state, enter, weight, bias, out, 0.0)[0]
 
 
-class _FeedbackGru(torch.autograd.Function):
-    """`feedback_gru`, its derivative written out (the chain rule on the equations there)."""
+def plain(
+    inputs: Tensor,
+    drift: Tensor,
+    hidden: Tensor,
+    state: Tensor,
+    enter: Tensor,
+    weight: Tensor,
+    bias: Tensor,
+    out: Tensor,
+    keep: float,
+) -> tuple[Tensor, Tensor]:
+    """`feedback_gru`, step by step in torch, which derives it as well."""
+    driving, feeding = enter.split([inputs.shape[-1], state.shape[-1]], dim=-2)
+    from_inputs, from_hidden = bias.split(1, dim=-2)
+    # For all steps at once, and the sequence taken apart once: an index into it at every step
+    # would cost the derivative a copy of the whole each time.
+    driven = inputs @ driving.unsqueeze(-3) + from_inputs.unsqueeze(-3)
+    hiddens, states = [], []
+    for entering, drifting in zip(driven.unbind(-2), drift.unbind(-2), strict=True):
+        x = entering + state @ feeding
+        g = hidden @ weight + from_hidden
+        (x_r, x_u, x_n), (g_r, g_u, g_n) = x.chunk(3, dim=-1), g.chunk(3, dim=-1)
+        reset, update = torch.sigmoid(x_r + g_r), torch.sigmoid(x_u + g_u)
+        hidden = torch.lerp(torch.tanh(x_n + reset * g_n), hidden, update)
+        state = keep * state + hidden @ out + drifting
+        hiddens.append(hidden)
+        states.append(state)
+    return torch.stack(hiddens, dim=-2), torch.stack(states, dim=-2)
+
+
+class _Compiled(torch.autograd.Function):
+    """`feedback_gru` in C; only the weights' derivatives, sums over all steps, are torch's."""
 
     @staticmethod
-    def forward(
-        ctx: Any,
-        driven: Tensor,
-        drift: Tensor,
-        hidden: Tensor,
-        state: Tensor,
-        weight: Tensor,
-        bias: Tensor,
-        feed: Tensor,
-        out: Tensor,
-        keep: float,
-    ) -> tuple[Tensor, Tensor]:
-        steps, size = len(driven), hidden.shape[-1]
-        hiddens = driven.new_empty(steps + 1, *hidden.shape)
-        states = driven.new_empty(steps + 1, *state.shape)
-        hiddens[0], states[0] = hidden, state
-        # Without a derivative to come, one step's memory serves for all.
-        kept = steps if any(ctx.needs_input_grad) else 1
-        resets, updates, candidates, recurrents = driven.new_empty(4, kept, *hidden.shape)
-        # A product of small matrices is twice as fast when the second one lies column by column.
-        weight = weight.transpose(-1, -2).contiguous().transpose(-1, -2)
-        xs, feeds_back, both = driven.unbind(0), state.shape[-1] > 0, 2 * size
-        for t in range(steps):
-            g = torch.matmul(hiddens[t], weight).add_(bias)
-            x = torch.matmul(states[t], feed).add_(xs[t]) if feeds_back else xs[t]
-            reset, update = torch.add(x[..., :both], g[..., :both]).sigmoid_().chunk(2, dim=-1)
-            recurrent, candidate = recurrents[t % kept], candidates[t % kept]
-            recurrent.copy_(g[..., both:])
-            resets[t % kept], updates[t % kept] = reset, update
-            torch.addcmul(x[..., both:], reset, recurrent, out=candidate).tanh_()
-            torch.lerp(candidate, hiddens[t], update, out=hiddens[t + 1])
-            if feeds_back:
-                torch.matmul(hiddens[t + 1], out, out=states[t + 1])
-                states[t + 1].add_(drift[t]).add_(states[t], alpha=keep)
-        saved = (hiddens, states, resets, updates, candidates, recurrents, weight, feed, out)
-        ctx.save_for_backward(*saved)
-        ctx.keep, ctx.bias_shape = keep, bias.shape
+    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
+        *given, keep = arguments
+        library = native.library()
+        assert library is not None
+        tensors = tuple(tensor.contiguous() for tensor in given)
+        inputs, drift, hidden, _, enter, weight, _, out = tensors
+        *_, batch, steps, width = inputs.shape
+        *members, _, size = hidden.shape
+        sizes = (batch, steps, width, drift.shape[-1], size)
+        ctx.count = members[0] if members else 1
+        rows = (*members, batch, steps + 1)
+        hiddens, states = inputs.new_empty(*rows, size), inputs.new_empty(*rows, drift.shape[-1])
+        seen = gates = None
+        if any(ctx.needs_input_grad):
+            seen = inputs.new_empty(*rows, enter.shape[-2] + 1)
+            gates = inputs.new_empty(*members, batch, steps, 4 * size)
+            ctx.save_for_backward(enter, weight, out, hiddens, gates, seen)
+        arrays = (*tensors, hiddens, states, seen, gates)
+        native.call(library.forward, ctx.count, sizes, keep, arrays)
+        ctx.sizes, ctx.keep = sizes, keep
         ctx.set_materialize_grads(False)
-        return hiddens[1:], states[1:]
+        return hiddens[..., 1:, :], states[..., 1:, :]
 
     @staticmethod
     def backward(ctx: Any, *given: Tensor | None) -> tuple[Tensor | None, ...]:
-        hiddens, states, resets, updates, candidates, recurrents, weight, feed, out = (
-            ctx.saved_tensors
-        )
-        size, feeds_back = hiddens.shape[-1], states.shape[-1] > 0
-        of_hiddens, of_states = (() if x is None else x.unbind(0) for x in given)
-        # All that needs no carry from the later steps, for the whole sequence at once.
-        of_n = ((1 - candidates.square()) * (1 - updates)).unbind(0)
-        of_u = (updates * (1 - updates) * (hiddens[:-1] - candidates)).unbind(0)
-        of_r = (resets * (1 - resets) * recurrents).unbind(0)
-        d_driven = hiddens.new_empty(len(of_n), *hiddens.shape[1:-1], 3 * size)
-        d_given, d_drift = torch.empty_like(d_driven), torch.empty_like(states[1:])
-        r_x, u_x, n_x = (part.unbind(0) for part in d_driven.chunk(3, dim=-1))
-        n_g = d_given[..., 2 * size :].unbind(0)
-        weight_t, feed_t, out_t = (x.transpose(-1, -2).contiguous() for x in (weight, feed, out))
-        d_hidden, d_state = torch.zeros_like(hiddens[0]), torch.zeros_like(states[0])
-        for t in range(len(of_n) - 1, -1, -1):
-            if of_hiddens:
-                d_hidden = d_hidden + of_hiddens[t]
-            if feeds_back:
-                d_state = d_state + of_states[t] if of_states else d_state
-                d_drift[t] = d_state
-                d_hidden = torch.matmul(d_state, out_t).add_(d_hidden)
-            torch.mul(d_hidden, of_n[t], out=n_x[t])
-            torch.mul(d_hidden, of_u[t], out=u_x[t])
-            torch.mul(n_x[t], of_r[t], out=r_x[t])
-            torch.mul(n_x[t], resets[t], out=n_g[t])
-            d_given[t, ..., : 2 * size] = d_driven[t, ..., : 2 * size]
-            d_hidden = torch.matmul(d_given[t], weight_t).addcmul_(d_hidden, updates[t])
-            if feeds_back:
-                d_state = torch.matmul(d_driven[t], feed_t).add_(d_state, alpha=ctx.keep)
-        of_weight, of_bias = _over_steps(hiddens[:-1], d_given)
+        enter, weight, out, hiddens, gates, seen = ctx.saved_tensors
+        batch, steps, width, _, size = ctx.sizes
+        of_hiddens, of_states = (None if x is None else x.contiguous() for x in given)
+        library = native.library()
+        assert library is not None
+        rows = hiddens.shape[:-1]
+        sums = hiddens.new_empty(*rows, 4 * size)  # by g_n, r, u and x_n
+        of_drift = hiddens.new_empty(*rows, out.shape[-1])
+        of_hidden = torch.empty_like(hiddens[..., 0, :])
+        of_state = torch.empty_like(of_drift[..., 0, :])
+        arrays = (enter, weight, out, hiddens, gates, of_hiddens, of_states)
+        results = (sums, of_drift, of_hidden, of_state)
+        native.call(library.backward, ctx.count, ctx.sizes, ctx.keep, arrays + results)
+        # All steps of all trajectories in a row: h_t beside the derivatives by step t's sums.
+        h, d, by_out, x = (each.flatten(-3, -2) for each in (hiddens, sums, of_drift, seen))
+        of_weight = torch.roll(h.mT @ d[..., : 3 * size], -size, dims=-1)
+        of_enter = x.mT @ d
+        g_n, r, u, x_n = of_enter[..., -1, :].chunk(4, dim=-1)
+        of_bias = torch.stack([torch.cat([r, u, x_n], -1), torch.cat([r, u, g_n], -1)], dim=-2)
+        of_inputs = None
+        if ctx.needs_input_grad[0]:
+            driving = enter[..., :width, :].mT
+            of_inputs = (d[..., size:] @ driving).unflatten(-2, (batch, steps + 1))[..., :-1, :]
         return (
-            d_driven,
-            d_drift,
-            d_hidden,
-            d_state,
+            of_inputs,
+            of_drift[..., :-1, :],
+            of_hidden,
+            of_state,
+            of_enter[..., :-1, size:],
             of_weight,
-            of_bias.sum_to_size(ctx.bias_shape),
-            _over_steps(states[:-1], d_driven)[0] if feeds_back else torch.zeros_like(feed),
-            _over_steps(hiddens[1:], d_drift)[0] if feeds_back else torch.zeros_like(out),
+            of_bias,
+            (by_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the other way round is slower
             None,
         )
-
-
-def _over_steps(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-    """Σ_{t, b} left ⊗ right [..., I, O] and Σ_{t, b} right [..., 1, O].
-
-    Of [T, ..., B, I] and [T, ..., B, O].
-    """
-    left, right = (torch.movedim(x, 0, -3).flatten(-3, -2) for x in (left, right))
-    return torch.matmul(left.transpose(-1, -2), right), right.sum(-2, keepdim=True)

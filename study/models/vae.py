@@ -87,8 +87,7 @@ class Vae(Model):
         loss, likelihood, divergence = self.cvae.loss(
             prediction, truth, mean, log_variance, self.beta
         )
-        parts = {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
-        self.log_dict({name: value.detach() for name, value in parts.items()})
+        self.tell({"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence})
         return loss
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:

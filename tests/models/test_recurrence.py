@@ -1,84 +1,164 @@
-"""The recurrent unit, and its derivative by hand."""
+"""The recurrent unit: in torch as its equations say, and compiled as in torch."""
 
+import os
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
-from study.models.recurrence import feedback_gru, gru
+from study.models import native
+from study.models.recurrence import feedback_gru, gru, plain
 
-BATCH, HIDDEN, STATE, STEPS = 2, 2, 3, 3
+# Sizes that fill a block, a tile and a register exactly, and sizes that leave rests of all three.
+SIZES = [(12, 5, 3, 8, 16), (13, 4, 2, 3, 7), (1, 3, 0, 1, 1), (29, 2, 5, 17, 33)]
 
 
-def arguments(*members: int) -> list[Tensor]:
-    torch.manual_seed(0)
+def arguments(
+    members: tuple[int, ...], sizes: tuple[int, int, int, int, int], dtype: torch.dtype
+) -> list[Any]:
+    batch, steps, inputs, state, hidden = sizes
+    generator = torch.Generator().manual_seed(0)
     shapes: list[tuple[int, ...]] = [
-        (STEPS, *members, BATCH, 3 * HIDDEN),
-        (STEPS, *members, BATCH, STATE),
-        (*members, BATCH, HIDDEN),
-        (*members, BATCH, STATE),
-        (*members, HIDDEN, 3 * HIDDEN),
-        (*members, 1, 3 * HIDDEN),
-        (*members, STATE, 3 * HIDDEN),
-        (*members, HIDDEN, STATE),
+        (*members, batch, steps, inputs),
+        (*members, batch, steps, state),
+        (*members, batch, hidden),
+        (*members, batch, state),
+        (*members, inputs + state, 3 * hidden),
+        (*members, hidden, 3 * hidden),
+        (*members, 2, 3 * hidden),
+        (*members, hidden, state),
     ]
-    return [torch.randn(shape, dtype=torch.float64, requires_grad=True) for shape in shapes]
+    return [
+        # Of order one after a sum over the hidden units, so that gates do not saturate.
+        (torch.randn(shape, generator=generator, dtype=torch.float64) * hidden**-0.5)
+        .to(dtype)
+        .requires_grad_()
+        for shape in shapes
+    ]
 
 
-def step_by_step(
-    driven: Tensor,
-    drift: Tensor,
-    h: Tensor,
-    s: Tensor,
-    weight: Tensor,
-    bias: Tensor,
-    feed: Tensor,
-    out: Tensor,
-    keep: float,
-) -> tuple[Tensor, Tensor]:
-    """The equations in the docstring of `feedback_gru`, as they stand there."""
-    hiddens, states = [], []
-    for x, d in zip(driven + 0, drift, strict=True):
-        (xr, xu, xn), (gr, gu, gn) = (
-            (x + s @ feed).chunk(3, -1),
-            (h @ weight + bias).chunk(3, -1),
-        )
-        r, u = torch.sigmoid(xr + gr), torch.sigmoid(xu + gu)
-        h = (1 - u) * torch.tanh(xn + r * gn) + u * h
-        s = keep * s + h @ out + d
-        hiddens.append(h)
-        states.append(s)
-    return torch.stack(hiddens), torch.stack(states)
+def derivatives(results: tuple[Tensor, ...], given: list[Any]) -> tuple[Tensor, ...]:
+    """Of a sum in which every number of the results has another weight."""
+    total = sum(
+        (each.double() * torch.arange(each.numel()).view_as(each).sin()).sum() for each in results
+    )
+    assert isinstance(total, Tensor)
+    return torch.autograd.grad(total, given)
+
+
+@pytest.fixture
+def compiled() -> None:
+    native.library.cache_clear()
+    if native.library() is None:
+        pytest.fail("no C compiler") if os.environ.get("CI") else pytest.skip("no C compiler")
 
 
 @pytest.mark.parametrize("keep", [0.0, 1.0])
 @pytest.mark.parametrize("members", [(), (2,)])
 def test_the_equations(members: tuple[int, ...], keep: float) -> None:
-    given: list[Any] = [*arguments(*members), keep]
-    for found, expected in zip(feedback_gru(*given), step_by_step(*given), strict=True):
-        torch.testing.assert_close(found, expected)
+    given = arguments(members, (2, 3, 2, 3, 2), torch.float64)
+    inputs, drift, h, s, enter, weight, bias, out = given
+    hiddens, states = plain(*[*given, keep])
+    for t in range(3):
+        x = torch.cat([inputs[..., t, :], s], -1) @ enter + bias[..., :1, :]
+        g = h @ weight + bias[..., 1:, :]
+        (x_r, x_u, x_n), (g_r, g_u, g_n) = x.chunk(3, -1), g.chunk(3, -1)
+        r, u = torch.sigmoid(x_r + g_r), torch.sigmoid(x_u + g_u)
+        h = (1 - u) * torch.tanh(x_n + r * g_n) + u * h
+        s = keep * s + h @ out + drift[..., t, :]
+        torch.testing.assert_close(hiddens[..., t, :], h)
+        torch.testing.assert_close(states[..., t, :], s)
 
 
 @pytest.mark.parametrize("keep", [0.0, 1.0])
-@pytest.mark.parametrize("members", [(), (2,)])
-def test_the_derivative(members: tuple[int, ...], keep: float) -> None:
-    given: list[Any] = [*arguments(*members), keep]
-    assert torch.autograd.gradcheck(feedback_gru, given)
+@pytest.mark.parametrize("members", [(), (3,)])
+@pytest.mark.parametrize("sizes", SIZES)
+def test_compiled_it_is_the_same(
+    sizes: tuple[int, int, int, int, int], members: tuple[int, ...], keep: float, compiled: None
+) -> None:
+    """Forwards and backwards, against float64."""
+    exact, given = (arguments(members, sizes, kind) for kind in (torch.float64, torch.float32))
+    expected, found = plain(*[*exact, keep]), feedback_gru(*[*given, keep])
+    assert "Compiled" in str(found[0].grad_fn)
+    for ours, theirs in zip(found, expected, strict=True):
+        torch.testing.assert_close(ours.double(), theirs, rtol=1e-5, atol=1e-5)
+    for ours, theirs in zip(derivatives(found, given), derivatives(expected, exact), strict=True):
+        torch.testing.assert_close(ours.double(), theirs, rtol=1e-4, atol=1e-4)
 
 
-def test_without_gradient_the_numbers_are_the_same() -> None:
-    given: list[Any] = [*arguments(), 1.0]
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_derivative_of_one_result_alone(which: int, compiled: None) -> None:
+    exact, given = (arguments((), (5, 4, 2, 3, 6), kind) for kind in (torch.float64, torch.float32))
+    found = derivatives((feedback_gru(*[*given, 1.0])[which],), given)
+    expected = derivatives((plain(*[*exact, 1.0])[which],), exact)
+    for ours, theirs in zip(found, expected, strict=True):
+        torch.testing.assert_close(ours.double(), theirs, rtol=1e-4, atol=1e-4)
+
+
+def test_a_trajectory_does_not_depend_on_those_beside_it(compiled: None) -> None:
+    given = arguments((), (29, 6, 2, 3, 20), torch.float32)
+    whole = feedback_gru(*[*given, 1.0])[1]
+    for part in (slice(0, 1), slice(7, 20), slice(28, 29)):
+        some = [each[part] for each in given[:4]] + given[4:]
+        assert torch.equal(feedback_gru(*[*some, 1.0])[1], whole[part])
+
+
+def test_neither_derivatives_nor_threads_change_the_numbers(compiled: None) -> None:
+    given: list[Any] = [*arguments((3,), (29, 6, 2, 3, 20), torch.float32), 1.0]
+    expected = feedback_gru(*given)
     with torch.no_grad():
         quick = feedback_gru(*given)
-    torch.testing.assert_close(quick, feedback_gru(*given))
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        apart = feedback_gru(*given)
+    finally:
+        torch.set_num_threads(threads)
+    for found in (quick, apart):
+        assert all(torch.equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
 def test_without_a_state_it_is_the_gru_of_torch() -> None:
     torch.manual_seed(0)
-    reference: Any = torch.nn.GRU(4, 3)
-    inputs, hidden = torch.randn(7, 2, 4), torch.randn(2, 3)
+    reference: Any = torch.nn.GRU(4, 3, batch_first=True)
+    inputs, hidden = torch.randn(2, 7, 4), torch.randn(2, 3)
     expected, _ = reference(inputs, hidden[None])
-    driven = inputs @ reference.weight_ih_l0.T + reference.bias_ih_l0
-    states = gru(driven, hidden, reference.weight_hh_l0.T, reference.bias_hh_l0)
+    bias = torch.stack([reference.bias_ih_l0, reference.bias_hh_l0])
+    states = gru(inputs, hidden, reference.weight_ih_l0.T, reference.weight_hh_l0.T, bias)
     torch.testing.assert_close(states, expected)
+
+
+def test_gates_that_saturate_and_numbers_that_are_none(compiled: None) -> None:
+    given = [each.detach() for each in arguments((), (3, 4, 2, 3, 9), torch.float32)]
+    given[0][0] *= 1e4
+    given[0][1] = torch.nan
+    for ours, theirs in zip(feedback_gru(*[*given, 1.0]), plain(*[*given, 1.0]), strict=True):
+        torch.testing.assert_close(ours, theirs, equal_nan=True, rtol=1e-5, atol=1e-5)
+        assert ours[1].isnan().all()
+        assert ours[::2].isfinite().all()
+
+
+@pytest.mark.parametrize("reason", ["switched off", "no compiler", "a compiler that fails"])
+def test_without_a_library_torch_does_it(
+    reason: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if reason == "switched off":
+        monkeypatch.setenv("STUDY_COMPILED", "0")
+    elif reason == "no compiler":
+        monkeypatch.delenv("CC", raising=False)
+        monkeypatch.setenv("PATH", str(tmp_path))
+    else:
+        broken = tmp_path / "broken"
+        broken.write_text('#!/bin/sh\n[ "$1" = --version ] && exit 0\nexit 1\n')
+        broken.chmod(0o755)
+        monkeypatch.setenv("CC", str(broken))
+    native.library.cache_clear()
+    try:
+        assert native.library() is None
+        given: list[Any] = [*arguments((), (2, 3, 2, 3, 4), torch.float32), 1.0]
+        assert all(map(torch.equal, feedback_gru(*given), plain(*given)))
+    finally:
+        native.library.cache_clear()
