@@ -163,6 +163,13 @@ def test_properties_come_back(forecast: Path) -> None:
     assert "/readme" in reading.entities(forecast)
 
 
+def test_properties_of_one_name_may_differ_in_type(tmp_path: Path) -> None:
+    values: list[str | int | float] = ["12", 12, 0.5, "a"]
+    for number, value in enumerate(values):
+        record_tuning(tmp_path / f"{number}.rrd", toy.trials(), {"seed": value})
+        assert reading.properties(tmp_path / f"{number}.rrd") == {"seed": value}
+
+
 def test_an_unknown_entity_is_named(forecast: Path) -> None:
     with pytest.raises(StudyError, match="did you mean '/median/state/x'"):
         reading.scalars(forecast, "/median/stat/x")
