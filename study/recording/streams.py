@@ -26,13 +26,14 @@ def application_id(kind: str, properties: Properties) -> str:
 
 
 def recording_name(kind: str, properties: Properties) -> str:
-    """How the recording is listed in the viewer: its cell (or study), and its kind."""
+    """How the recording is listed in the viewer: what it is of, and its kind."""
     return " · ".join(filter(None, (_subject(properties), kind)))
 
 
 def _subject(properties: Properties) -> str:
-    """What the recording is of: a cell, or a whole study."""
-    return str(properties.get("cell", properties.get("study", "")))
+    """What the recording is of: a cell, an environment or a whole study."""
+    names = (properties[key] for key in ("cell", "environment", "study") if key in properties)
+    return str(next(names, ""))
 
 
 def open_stream(path: Path, application: str, footer: bool = True) -> rr.RecordingStream:
