@@ -25,7 +25,7 @@ COMMANDS = {
     "plan": "say what `all` would run, and for each stage why",
     "status": "say what is done, running or failed, with times",
     "figures": "draw tables and figures again from the results alone",
-    "view": "open recordings in the Rerun viewer: view pusher/low/residual_vae/seed-0",
+    "view": "open recordings in the Rerun viewer: view study, view pusher/low/residual_vae/seed-0",
     "compare": "settings that differ and scores of cells, side by side: compare CELL CELL",
     "portrait": "write a page with pictures of an environment, and of how hard its scenarios are",
     "export": "write training data as a Minari data set, to share: export pusher",
@@ -57,7 +57,8 @@ HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.
   --out DIR          where results go; results/NAME if not given
   --only PATTERN     some cells only: 'pusher/high/*', '*/residual_vae/*'
   --kind KIND        view: which of a cell's recordings, forecast (default), scores, training or
-                     tuning; `view pusher` opens the environment's data
+                     tuning; `view pusher` opens the environment's data, `view study` every
+                     cell's curves, tables and claims together
   --save DIR         view: no window; pictures of every view go to this folder
   --to DIR           portrait: folder of the page; export: folder of Minari data sets
 
@@ -65,6 +66,7 @@ examples
   python -m study.run all
   python -m study.run plan --config configs/paper.yaml
   python -m study.run all --only 'uav/low/*' --tune.trials 12 --engine.workers 2
+  python -m study.run view study
   python -m study.run view pusher/low/residual_vae/seed-0 --kind scores --save pictures
   python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0
 

@@ -47,7 +47,9 @@ def overall_scores(path: Path) -> dict[str, float]:
     by_metric: dict[str, dict[str, float]] = {}
     for entity, frame in reading.scalars_below(path, "/overall").items():
         metric, dimension = (re.sub(r"\\(.)", r"\1", part) for part in entity.split("/")[2:4])
-        by_metric.setdefault(metric, {})[dimension] = float(frame["value"].iloc[-1])
+        row = {str(name): float(value) for name, value in frame.iloc[-1].items()}
+        values = {dimension: row["value"]} if list(row) == ["value"] else row
+        by_metric.setdefault(metric, {}).update(values)
     scores = {}
     for metric, values in by_metric.items():
         if "all" in values:

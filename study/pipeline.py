@@ -24,8 +24,8 @@ STAGE_VERSIONS = {
     "tune": 2,
     "train": 2,
     "evaluate": 2,
-    "record": 3,
-    "record_data": 1,
+    "record": 4,
+    "record_data": 2,
 }
 
 

@@ -12,10 +12,9 @@ from typing import Any
 
 from study.artifacts import Store, Task
 from study.config import Config
-from study.files import digest, read_json, sha256, write_json
+from study.files import digest, read_json, write_json
 from study.grid import Cell, cells
-
-SOURCE = Path(__file__).resolve().parent
+from study.provenance import source_revision
 
 
 def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
@@ -71,12 +70,7 @@ def _path(store: Store) -> Path:
 
 def _key(config: Config) -> str:
     """Of all that the tasks depend on: the settings, and the source, which has the versions."""
-    source = {
-        str(path.relative_to(SOURCE)): sha256(path)
-        for path in SOURCE.rglob("*")
-        if path.suffix in (".py", ".xml")
-    }
-    return digest([asdict(config), source])
+    return digest([asdict(config), source_revision()])
 
 
 def _pack(task: Task, number: dict[Task, int]) -> dict[str, Any]:

@@ -4,11 +4,10 @@ Everything here is made from the artifacts of the cells that are complete. A cel
 was not run, is missing from the scores and shown as such in the tables.
 """
 
-import platform
+import json
 import shutil
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +18,15 @@ from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
 from study.grid import Cell
+from study.provenance import made_with, versions
 from study.recording.files import checksum_path
 
 # A results folder of another format is not touched.
 FORMAT = 1
-PACKAGES = ("torch", "lightning", "mujoco", "rerun-sdk", "optuna", "numpy")
+# Raise it whenever the code changes what the summary holds: then it is written again.
+SUMMARY = 1
+# What the recording of the whole study shows of the tables and of the claims, by title.
+TEXTS = {"Brier scores": "tables/brier_*.md", "Claims": "claims.md", "Scores": "tables/scores_*.md"}
 Records = Mapping[Cell, Task]
 SCORES, CLAIMS, STUDY = "scores.parquet", "claims.json", "study.json"
 TRIALS = "trials.parquet"
@@ -130,7 +133,7 @@ def _failed(records: Records, store: Store) -> list[str]:
 def _state(config: Config, complete: Records, failed: list[str]) -> str:
     """What the summary depends on, in one hash."""
     cells = {cell.name: task.key for cell, task in complete.items()}
-    return digest([FORMAT, __version__, _settings(config), cells, failed])
+    return digest([FORMAT, SUMMARY, __version__, _settings(config), cells, failed])
 
 
 def _why_not_current(out: Path, state: str) -> str | None:
@@ -150,6 +153,7 @@ def _why_not_current(out: Path, state: str) -> str | None:
 def _summary_files(out: Path) -> dict[str, str]:
     """The checksum of every file of the summary."""
     paths = [out / STUDY, out / SCORES, out / TRIALS, out / CLAIMS, out / "claims.md"]
+    paths += _whole(out)
     for folder in ("tables", "figures"):
         paths += sorted(path for path in (out / folder).glob("*") if path.is_file())
     return {str(path.relative_to(out)): sha256(path) for path in paths}
@@ -172,13 +176,19 @@ def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
     return files
 
 
+def _whole(out: Path) -> tuple[Path, Path]:
+    """The recording of the whole study, and its checksum."""
+    recording = out / "recordings" / "study.rrd"
+    return recording, checksum_path(recording)
+
+
 def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     """Remove what belongs to cells that are no part of these results any more."""
     others = [
         path
         for folder in ("recordings", "weights", "illustrations")
         for path in (out / folder).rglob("*")
-        if path.is_file() and path not in files
+        if path.is_file() and path not in files and path not in _whole(out)
     ]
     for path in others:
         path.unlink()
@@ -208,12 +218,36 @@ def _write_summary(
             "settings": _settings(config),
             "cells": [cell.name for cell in complete],
             "failed": failed,
-            "versions": {"python": platform.python_version()} | _versions(),
+            "versions": versions(),
         },
     )
     for folder in ("tables", "figures"):
         shutil.rmtree(out / folder, ignore_errors=True)
     draw(out)
+    _record(config, scores, out)
+
+
+def _record(config: Config, scores: pd.DataFrame, out: Path) -> None:
+    """The recording of the whole study, from what is published by now."""
+    from study.recording.overview import record_study
+
+    properties = {
+        "study": config.name,
+        "seeds": ", ".join(map(str, config.grid.seeds)),
+        **made_with(),
+        "config": json.dumps(_settings(config), sort_keys=True),
+    }
+    recording, _ = _whole(out)
+    record_study(recording, scores, _texts(out), properties)
+
+
+def _texts(out: Path) -> dict[str, str]:
+    """The tables of all environments and the claims, by title."""
+    texts = {
+        title: [path.read_text(encoding="utf-8") for path in sorted(out.glob(pattern))]
+        for title, pattern in TEXTS.items()
+    }
+    return {title: "\n\n".join(parts) for title, parts in texts.items() if parts}
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
@@ -238,16 +272,6 @@ def _trials(store: Store, complete: Records) -> pd.DataFrame:
                 )
     columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
     return pd.DataFrame(rows, columns=[*columns, "chosen"])
-
-
-def _versions() -> dict[str, str]:
-    versions = {}
-    for package in PACKAGES:
-        try:
-            versions[package] = version(package)
-        except ImportError:
-            continue
-    return versions
 
 
 def _settings(config: Config) -> dict[str, Any]:

@@ -21,6 +21,8 @@ from study.scheduler import run_tasks
 # torch, lightning and mujoco take seconds to import: only the commands that need them do.
 
 KINDS = ("forecast", "scores", "training", "tuning")
+# What `view` takes in place of a cell.
+WHOLE = "study"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -176,7 +178,7 @@ def compare(command: Command) -> int:
 
 
 def _recording(command: Command) -> Path:
-    """The recording that `view` is to open: of a cell, or of an environment's data.
+    """The recording that `view` is to open: of a cell, of an environment's data, of the study.
 
     Raises:
         BadInput: there is no such cell or kind.
@@ -186,8 +188,10 @@ def _recording(command: Command) -> Path:
     environments = list(command.config.grid.environments)
     if name in environments:
         path = recordings / name / "data.rrd"
+    elif name == WHOLE:
+        path = recordings / "study.rrd"
     else:
-        _check_cell(name, [*(c.name for c in cells(command.config)), *environments])
+        _check_cell(name, [*(c.name for c in cells(command.config)), *environments, WHOLE])
         if command.kind not in KINDS:
             raise BadInput(f"--kind: got '{command.kind}'; {nearest(command.kind, KINDS)}")
         path = recordings / name / f"{command.kind}.rrd"

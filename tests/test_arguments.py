@@ -45,6 +45,7 @@ BAD = [
     (["view", "pusher/low/residual_va/seed-0"], "did you mean 'pusher/low/residual_vae/seed-0'?"),
     (["view", "pusher/low/oracle/seed-0", "--kind", "score"], "did you mean 'scores'?"),
     (["view", "pushr"], "did you mean 'pusher'?"),
+    (["view", "stuyd"], "did you mean 'study'?"),
     (["compare", "pusher/low/oracle/seed-0"], "two cells"),
     (["compare", "pusher/low/oracle/seed-0", "pusher/low/oracl/seed-0"], "oracle/seed-0'?"),
 ]

@@ -77,6 +77,7 @@ def test_a_bad_recording_is_one_line(
 @pytest.mark.parametrize(
     ("name", "file"),
     [
+        ("study", "study.rrd"),
         ("pusher", "pusher/data.rrd"),
         (FIRST, f"{FIRST}/forecast.rrd"),
     ],

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from study.recording.files import check
+from study.recording.reading import entities
 from tests.running import SMALL, published, results, study
 
 Find = Callable[[str], Path]
@@ -57,6 +59,10 @@ def test_an_artifact(
         ("figures/mmd_cart.png", _truncate),
         ("recordings/cart/low/full_vae/seed-0/forecast.rrd", _flip),
         ("recordings/cart/low/full_vae/seed-0/tuning.rrd.sha256", Path.unlink),
+        ("recordings/study.rrd", _flip),
+        ("recordings/study.rrd", _truncate),
+        ("recordings/study.rrd", Path.unlink),
+        ("recordings/study.rrd.sha256", Path.unlink),
         ("weights/cart/low/drift/seed-0.safetensors", _truncate),
         ("work/published.json", _truncate),
     ],
@@ -72,6 +78,7 @@ def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], N
     assert f"{copied}: no stage to run, results written again\n" in done.out
     assert results(copied) == results(small)
     assert published(copied).keys() == published(small).keys()
+    check(copied / "recordings" / "study.rrd")
     assert study("plan", *SMALL, "--out", copied).out.endswith("results: up to date\n")
 
 
@@ -79,6 +86,9 @@ def test_cells_that_are_no_part_of_the_grid_any_more_leave_the_results(copied: P
     done = study("all", *SMALL, "--out", copied, "--grid.models", "[drift]")
     assert done.code == 0
     assert not [name for name in published(copied) if "full_vae" in name]
+    curves = entities(copied / "recordings" / "study.rrd")
+    assert [name for name in curves if "drift" in name]
+    assert not [name for name in curves if "full_vae" in name]
     again = study("all", *SMALL, "--out", copied)
     assert again.out.startswith(f"{copied}: no stage to run, results written again\n")
     assert [name for name in published(copied) if "full_vae" in name]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from study import planned
+from study import provenance
 from study.artifacts import Store
 from study.config import Config, Tune
 from study.errors import BadInput
@@ -59,7 +59,7 @@ def test_other_settings(remembered: Store, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_other_source(remembered: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(planned, "SOURCE", tmp_path)
+    monkeypatch.setattr(provenance, "SOURCE", tmp_path)
     assert _found_out_anew(remembered, CONFIG, monkeypatch)
 
 

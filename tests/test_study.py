@@ -1,5 +1,6 @@
 """The whole study at toy size, as a user runs it; then again, and with one setting changed."""
 
+import json
 import re
 from pathlib import Path
 
@@ -12,8 +13,11 @@ from safetensors.numpy import load_file
 from study.arguments import parse
 from study.files import read_json
 from study.grid import REFERENCES, Cell, cells
+from study.paper import label
 from study.recording.files import check
+from study.recording.reading import properties
 from study.stages.weights import load_model
+from tests.recording.test_overview import document, same_numbers
 from tests.running import SMOKE, Done, files, published, study
 
 GRID = cells(parse(["all", *SMOKE]).config)
@@ -97,6 +101,27 @@ def test_recordings_and_weights(smoke: tuple[Path, Done], cell: Cell) -> None:
         forecast = model.forecast(s0, actions, 3, np.arange(2, dtype=np.uint64))
         assert forecast.shape == (2, 3, 5, size)
         assert np.isfinite(forecast).all()
+
+
+def test_the_recording_of_the_whole_study(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    path = out / "recordings" / "study.rrd"
+    check(path)
+    same_numbers(path, pd.read_parquet(out / "scores.parquet"))
+    found = properties(path)
+    assert found["study"] == "smoke"
+    assert (
+        json.loads(str(found["config"]))["tune"]
+        == read_json(out / "study.json")["settings"]["tune"]
+    )
+    assert json.loads(str(found["versions"])) == read_json(out / "study.json")["versions"]
+    folder = out / "recordings" / MODELS[0].name
+    for kind in ("forecast", "training", "scores"):
+        assert properties(folder / f"{kind}.rrd")["source_revision"] == found["source_revision"]
+    about = [document(path, f"/text/{title}") for title in (r"Brier\ scores", "Claims", "Cells")]
+    assert all(f"{label(name)} (lower" in about[0] for name in ("pusher", "uav"))
+    assert about[1] == (out / "claims.md").read_text()
+    assert all(cell.name in about[2] for cell in GRID)
 
 
 def test_again_runs_nothing_and_changes_nothing(smoke: tuple[Path, Done]) -> None:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 TIMELINE = "horizon"
 LEVELS = (0.05, 0.25, 0.50, 0.75, 0.95)
 NAMES = [f"{source} {level:.0%}" for source in ("observed", "forecast") for level in LEVELS]
+# Of a longer horizon every second step (or third …) is recorded, to the last: bands are smooth, and
+# half of what a recording of forecasts takes.
+_STEPS = 80
 _WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
 _ALPHAS = (150, 200, 255, 200, 150)
 
@@ -44,8 +47,11 @@ def log_bands(
     """
     colours = [faint(c, a) for c in (OBSERVED, FORECAST) for a in _ALPHAS]
     style_lines(stream, entity, NAMES, colours, _WIDTHS * 2)
-    steps = np.arange(1, observed.shape[1] + 1)
-    send_scalars(stream, entity, TIMELINE, steps, np.concatenate([observed, forecast]).T)
+    horizon = observed.shape[1]
+    every = -(-horizon // _STEPS)
+    steps = np.arange(horizon, 0, -every)[::-1]
+    values = np.concatenate([observed, forecast])[:, steps - 1].T
+    send_scalars(stream, entity, TIMELINE, steps, values)
 
 
 def axis_range(
@@ -53,15 +59,20 @@ def axis_range(
 ) -> tuple[float, float] | None:
     """A y axis for the bands [5, T]: it shows the observed ones and at most as much again.
 
-    So a forecast that has diverged leaves the view instead of flattening what was observed.
+    So a forecast that has diverged leaves the view instead of flattening what was observed. None
+    where the viewer's own choice, all that there is, shows the same: an axis takes a kilobyte.
     """
     if not np.isfinite(observed).any():
         return None
     low, high = float(np.nanmin(observed)), float(np.nanmax(observed))
-    reach = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-6)
+    least = max(1e-3 * max(abs(low), abs(high)), 1e-6)
+    reach = max(high - low, least)
+    bottom, top = low - reach, high + reach
     if np.isfinite(forecast).any():
-        low = min(low, max(float(np.nanmin(forecast)), low - reach))
-        high = max(high, min(float(np.nanmax(forecast)), high + reach))
+        low, high = min(low, float(np.nanmin(forecast))), max(high, float(np.nanmax(forecast)))
+    if bottom <= low and high <= top and high - low >= least:
+        return None
+    low, high = max(low, bottom), min(high, top)
     margin = 0.05 * max(high - low, reach)
     return low - margin, high + margin
 

@@ -2,8 +2,10 @@
 
 from collections.abc import Collection, Mapping, Sequence
 
+import rerun as rr
 import rerun.blueprint as rrb
 
+from study.paper import label
 from study.recording import charts
 from study.recording.properties import README
 from study.recording.spread import TITLE as SPREAD
@@ -11,6 +13,8 @@ from study.recording.spread import TITLE as SPREAD
 Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
 
+# A legend of more lines than these hides the plot.
+_LEGIBLE = 15
 # Which view of a training recording a metric belongs to: the first whose words its name contains.
 _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("KL divergence [nat]", ("kl",)),
@@ -53,12 +57,14 @@ def plot(
     *,
     span: Range | None = None,
     legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
+    times: tuple[int, int] | None = None,
 ) -> rrb.View:
-    """Curves over the timeline; `span` is the range of the y axis."""
+    """Curves over the timeline; `span` is the range of the y axis, `times` that of the x axis."""
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(contents),
         name=name,
+        axis_x=None if times is None else _time_axis(*times),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
         plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
     )
@@ -237,23 +243,42 @@ def data(
     return blueprint("step", rrb.Tabs(*tabs, readme()), playing=True)
 
 
-def study(curves: Mapping[str, Sequence[str]], texts: Mapping[str, str]) -> rrb.Blueprint:
+def study(
+    curves: Mapping[str, Sequence[str]],
+    horizons: Mapping[str, int],
+    span: Range,
+    texts: Mapping[str, str],
+) -> rrb.Blueprint:
     """A whole study: the discrepancy of all cells, a plot an environment, and what it comes to.
 
     Args:
-        curves: the entities of each plot, by its title.
+        curves: the entities of each plot, by environment.
+        horizons: the last step of each environment.
+        span: the range of all plots, which makes environments comparable.
         texts: the entity of each text, by its title.
     """
-    plots = [
-        plot(title, entities, legend=rrb.Corner2D.RightBottom) for title, entities in curves.items()
-    ]
+    plots = []
+    for environment, entities in curves.items():
+        horizon, legible = horizons[environment], len(entities) <= _LEGIBLE
+        plots.append(
+            plot(
+                f"{label(environment)}: MMD² of all cells",
+                entities,
+                span=span,
+                legend=rrb.Corner2D.RightTop if legible else None,
+                # The legend stands beside the curves, not on them.
+                times=(1, 4 * horizon // 3 if legible else horizon),
+            )
+        )
     panels = rrb.Tabs(*(readme(entity, title) for title, entity in texts.items()))
-    right = (
-        rrb.Vertical(rrb.Horizontal(*plots), panels, row_shares=[3, 2])
-        if texts
-        else (rrb.Horizontal(*plots))
-    )
+    right = rrb.Vertical(rrb.Horizontal(*plots), panels, row_shares=[3, 2])
     return blueprint("horizon", rrb.Horizontal(readme(), right, column_shares=[1, 3]))
+
+
+def _time_axis(first: int, last: int) -> rrb.TimeAxis:
+    """An x axis from one time to another."""
+    ends = (rr.TimeRangeBoundary.absolute(seq=time) for time in (first, last))
+    return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
 
 
 def _scene(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.View:

@@ -1,5 +1,9 @@
 """One colour for one thing, in every view: clear on a dark and on a light background alike."""
 
+from collections.abc import Iterable
+
+from study.paper import ENSEMBLE, FULL, MLP, ORACLE, RESIDUAL
+
 Colour = tuple[int, int, int, int]
 
 FORECAST: Colour = (62, 134, 222, 255)
@@ -28,6 +32,14 @@ _SERIES = (
     (230, 159, 0),
 )
 
+MODELS: dict[str, Colour] = {
+    RESIDUAL: (0, 114, 178, 255),
+    FULL: (213, 94, 0, 255),
+    MLP: (0, 158, 115, 255),
+    ENSEMBLE: (204, 121, 167, 255),
+    ORACLE: (119, 119, 119, 255),
+}
+
 
 def series(index: int) -> Colour:
     """The colour of the index-th of several series; repeats, lighter, after the sixth."""
@@ -39,3 +51,9 @@ def series(index: int) -> Colour:
 def faint(colour: Colour, alpha: int) -> Colour:
     """The same colour, more transparent."""
     return (*colour[:3], alpha)
+
+
+def model_colours(models: Iterable[str]) -> dict[str, Colour]:
+    """A colour for each model, as in the figures; those that the paper does not have take turns."""
+    others = sorted(set(models) - set(MODELS))
+    return MODELS | {model: series((5, 4, *range(6, 12))[i % 8]) for i, model in enumerate(others)}

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 
+import pyarrow as pa
 import rerun as rr
 
 Property = str | int | float
@@ -17,7 +18,10 @@ def write_properties(stream: rr.RecordingStream, name: str, properties: Properti
     """Name the recording, and attach its properties (cell, seed, config as JSON, versions …)."""
     stream.send_recording_name(name)
     if properties:
-        stream.send_property(GROUP, rr.AnyValues(drop_untyped_nones=True, **dict(properties)))
+        # Given bare values, Rerun drops one whose type differs from the last of that name in this
+        # process: a seed that is a number here, and text there.
+        typed = {name: pa.array([value]) for name, value in properties.items()}
+        stream.send_property(GROUP, rr.AnyValues(**typed))
 
 
 def write_readme(stream: rr.RecordingStream, text: str, properties: Properties) -> None:

@@ -29,6 +29,14 @@ _TITLES = {
 }
 # Over the horizon these are recorded; the table holds more.
 _STEPWISE = ("mmd2", "mmd2_joint", "crps", "variance_ratio", "aleatoric_ratio")
+_BY_SCENARIO = (
+    "mmd2",
+    "brier",
+    "crps",
+    "energy_score",
+    "forecast_probability",
+    "observed_probability",
+)
 _COVERAGES = ("coverage_50", "coverage_80", "coverage_90")
 # Right is 1.
 _RATIOS = ("variance_ratio", "aleatoric_ratio")
@@ -60,20 +68,23 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
         scores: columns metric, dimension, step, scenario, value; "all", −1 and −1 mean the average
             over that axis. By step: `/metric/dimension` on the timeline `horizon`. By scenario:
             `/by_scenario/metric` on the timeline `scenario`. Overall: in the README panel, and as
-            `/overall/metric/dimension` at step 0. What is both by step and by scenario, and the
-            metrics that no view shows, are left to the table.
+            `/overall/metric/all` at step 0, with a column a dimension in
+            `/overall/metric/dimensions`. What is both by step and by scenario, and the variants
+            of a metric, are left to the table.
         properties: of the recording.
     """
     stepwise = scores[(scores["step"] >= 0) & (scores["scenario"] < 0)]
     stepwise = stepwise[stepwise["metric"].isin((*_STEPWISE, *_COVERAGES))]
     by_scenario = scores[(scores["scenario"] >= 0) & (scores["step"] < 0)]
     by_scenario = by_scenario[by_scenario["dimension"] == "all"]
+    by_scenario = by_scenario[by_scenario["metric"].isin(_BY_SCENARIO)]
     overall = scores[(scores["scenario"] < 0) & (scores["step"] < 0)]
     overall = overall[~overall["metric"].str.startswith("pit_")]
     reliable = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
 
     design = blueprints.scores(_curves(stepwise), reliable)
-    with recording(path, KIND, properties, design) as stream:
+    # Hundreds of small entities: an index of them would be larger than what it points to.
+    with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _overall_table(overall), properties)
         _log_overall(stream, overall)
         for metric, rows in stepwise.groupby("metric", sort=False):
@@ -139,11 +150,19 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
 
 
 def _log_overall(stream: rr.RecordingStream, overall: pd.DataFrame) -> None:
-    for metric, dimension, value in overall[["metric", "dimension", "value"]].itertuples(
-        index=False
-    ):
-        entity = entity_path("overall", str(metric), str(dimension))
-        send_scalars(stream, entity, TIMELINE, [0], finite(np.array([value])))
+    for metric, rows in overall.groupby("metric", sort=False):
+        by_dimension = rows[rows["dimension"] != "all"]
+        names = list(by_dimension["dimension"])
+        several = len(names) > 1
+        for name, value in rows[["dimension", "value"]].itertuples(index=False):
+            if name == "all" or not several:
+                entity = entity_path("overall", str(metric), str(name))
+                send_scalars(stream, entity, TIMELINE, [0], finite(np.array([value])))
+        if several:
+            entity = entity_path("overall", str(metric), "dimensions")
+            style_lines(stream, entity, names, [series(i) for i in range(len(names))])
+            values = finite(by_dimension["value"].to_numpy())
+            send_scalars(stream, entity, TIMELINE, [0], values[None])
 
 
 def _overall_table(overall: pd.DataFrame) -> str:

@@ -16,18 +16,24 @@ from study.recording.properties import Properties, write_properties
 
 
 def application_id(kind: str, properties: Properties) -> str:
-    """The Rerun application of a recording: one for each kind and environment.
+    """The Rerun application of a recording: one for each kind and environment, or study.
 
     A viewer keeps the first blueprint that it sees for an application, and a blueprint names the
     state's dimensions. So recordings share an application exactly if they share a blueprint.
     """
-    environment = str(properties.get("environment", properties.get("cell", ""))).split("/")[0]
-    return "_".join(filter(None, ("study", kind, environment)))
+    shared = str(properties.get("environment", _subject(properties))).split("/")[0]
+    return "_".join(filter(None, ("study", kind, shared)))
 
 
 def recording_name(kind: str, properties: Properties) -> str:
-    """How the recording is listed in the viewer: its cell, and its kind."""
-    return " · ".join(filter(None, (str(properties.get("cell", "")), kind)))
+    """How the recording is listed in the viewer: what it is of, and its kind."""
+    return " · ".join(filter(None, (_subject(properties), kind)))
+
+
+def _subject(properties: Properties) -> str:
+    """What the recording is of: a cell, an environment or a whole study."""
+    names = (properties[key] for key in ("cell", "environment", "study") if key in properties)
+    return str(next(names, ""))
 
 
 def open_stream(path: Path, application: str, footer: bool = True) -> rr.RecordingStream:

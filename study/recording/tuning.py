@@ -44,7 +44,8 @@ def record_tuning(path: Path, trials: Sequence[dict[str, Any]], properties: Prop
     complete = np.array([trial["state"] == "complete" for trial in ordered], dtype=bool)
     best = best_so_far(np.where(complete, values, np.nan))
 
-    with recording(path, KIND, properties, blueprints.tuning()) as stream:
+    # Small entities: an index of them would be larger than what it points to.
+    with recording(path, KIND, properties, blueprints.tuning(), footer=False) as stream:
         write_readme(stream, _README + _table(ordered, best), properties)
         if not ordered:
             return

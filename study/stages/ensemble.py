@@ -5,6 +5,7 @@ training trajectories, [N, M, T, D]: the residuals of every cell are made from t
 ``metrics.csv`` and ``training.rrd``.
 """
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from study.data.storage import load_arrays, save_arrays
 from study.data.trajectories import Floats, ScenarioSet, Trajectories
 from study.models.ensemble import Ensemble
 from study.progress import Progress
+from study.provenance import made_with
 from study.recording.logger import RerunLogger
 from study.seeds import derive, torch_seed
 from study.stages.fitting import fit
@@ -39,7 +41,14 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     )
     torch.manual_seed(torch_seed(settings["seed"]))
     model = Ensemble(scaling, {"ensemble": options})
-    with RerunLogger(out / "training.rrd", recording_name="training of the ensemble") as logger:
+    properties = {
+        "seed": str(settings["seed"]),
+        **made_with(),
+        "config": json.dumps(settings, sort_keys=True),
+    }
+    with RerunLogger(
+        out / "training.rrd", recording_name="training of the ensemble", properties=properties
+    ) as logger:
         fit(
             model,
             data,

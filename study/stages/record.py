@@ -10,7 +10,6 @@ from typing import Any
 
 import pandas as pd
 
-from study import __version__
 from study.artifacts import MANIFEST
 from study.data.storage import load_arrays
 from study.envs import simulators
@@ -19,6 +18,7 @@ from study.files import copy, read_json
 from study.grid import Cell
 from study.metrics.variance import decompose
 from study.progress import Progress
+from study.provenance import made_with
 from study.recording.files import checksum_path
 from study.recording.forecasts import Pick, record_forecast
 from study.recording.properties import Properties
@@ -57,7 +57,7 @@ def _properties(cell: Cell, inputs: dict[str, Path]) -> Properties:
         "level": cell.level,
         "model": cell.model,
         "seed": cell.seed,
-        "study_version": __version__,
+        **made_with(),
         "config": json.dumps(settings, sort_keys=True),
     }
 

@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from study import __version__
 from study.artifacts import MANIFEST
 from study.data.trajectories import Trajectories
 from study.envs import simulators
 from study.files import read_json
 from study.progress import Progress
+from study.provenance import made_with
 from study.recording.data import record_data
 
 TRAJECTORIES = 20
@@ -27,7 +27,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     properties = {
         "environment": environment,
         "seed": str(trajectories.facts["seed"]),
-        "study_version": __version__,
+        **made_with(),
         "config": json.dumps({"data": collected}, sort_keys=True),
         "versions": json.dumps(trajectories.facts["versions"], sort_keys=True),
     }

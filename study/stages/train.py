@@ -3,6 +3,7 @@
 Writes ``model.safetensors``, ``metrics.csv``, ``training.rrd`` and ``fit.json`` (β, best score).
 """
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from study.data.module import TrajectoryModule
 from study.files import read_json, write_json
 from study.models import Model, models
 from study.progress import Progress
+from study.provenance import made_with
 from study.recording.logger import RerunLogger
 from study.seeds import derive, torch_seed
 from study.stages.collect import read_kernel
@@ -27,7 +29,14 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
         beta = read_json(inputs["tuning"] / "tuning.json")["beta"]
     model, data = prepare(settings, inputs, beta)
     train = settings["sections"]["train"]
-    with RerunLogger(out / "training.rrd", recording_name="training") as logger:
+    properties = {
+        "seed": str(settings["seed"]),
+        **made_with(),
+        "config": json.dumps(settings, sort_keys=True),
+    }
+    with RerunLogger(
+        out / "training.rrd", recording_name="training", properties=properties
+    ) as logger:
         score = fit(
             model,
             data,

@@ -24,7 +24,8 @@ def test_one_reading_gives_what_many_give(scores: Path) -> None:
         assert frame.equals(reading.scalars(scores, entity))
     table = toy.scores()
     overall = table[(table.step == -1) & (table.scenario == -1)]
-    assert sorted(frame["value"].iloc[0] for frame in below.values()) == sorted(overall["value"])
+    read = [value for frame in below.values() for value in frame.iloc[0]]
+    assert sorted(read) == sorted(overall["value"])
 
 
 def test_nothing_below_is_no_error(scores: Path) -> None:

@@ -137,6 +137,32 @@ def test_scores_are_the_same_numbers(tmp_path: Path) -> None:
     frame = reading.scalars(path, "/by_scenario/forecast_probability")
     assert list(frame["value"]) == list(rows["value"])
     assert reading.scalars(path, "/overall/brier/all")["value"].tolist() == [0.171]
+    rows = table[
+        (table["metric"] == "mmd2") & (table["step"] == -1) & (table["dimension"] != "all")
+    ]
+    by_dimension = reading.scalars(path, "/overall/mmd2/dimensions")
+    assert by_dimension.iloc[0].to_dict() == dict(
+        zip(rows["dimension"], rows["value"], strict=True)
+    )
+
+
+def test_bands_of_a_long_horizon_are_thinned_to_its_end(tmp_path: Path) -> None:
+    pick = toy.picks(toy.Puck(horizon=120), 1)[0]
+    record_forecast(tmp_path / "f.rrd", toy.Puck(horizon=120), [pick], {})
+    frame = reading.scalars(tmp_path / "f.rrd", "/median/state/x")
+    assert list(frame.index) == list(range(2, 121, 2))
+    expected = np.median(pick.observed[..., 0].astype(float), axis=0)
+    np.testing.assert_allclose(frame["observed 50%"], expected[1::2], rtol=1e-12)
+
+
+def test_an_axis_is_fixed_only_where_the_viewer_would_choose_another() -> None:
+    observed = np.linspace(0.0, 1.0, 5)[:, None] * np.ones(9)
+    assert bands.axis_range(observed, observed + 0.5) is None
+    diverged = bands.axis_range(observed, observed * 100)
+    assert diverged == pytest.approx((-0.1, 2.1))
+    flat = bands.axis_range(np.full((5, 9), 3.0), np.full((5, 9), 3.0 + 1e-9))
+    assert flat is not None
+    assert flat[0] < 3.0 < flat[1]
 
 
 def test_reliability_of_a_calibrated_forecast_is_the_diagonal() -> None:
@@ -161,6 +187,13 @@ def test_tuning_holds_every_trial(tmp_path: Path) -> None:
 def test_properties_come_back(forecast: Path) -> None:
     assert reading.properties(forecast) == toy.PROPERTIES
     assert "/readme" in reading.entities(forecast)
+
+
+def test_properties_of_one_name_may_differ_in_type(tmp_path: Path) -> None:
+    values: list[str | int | float] = ["12", 12, 0.5, "a"]
+    for number, value in enumerate(values):
+        record_tuning(tmp_path / f"{number}.rrd", toy.trials(), {"seed": value})
+        assert reading.properties(tmp_path / f"{number}.rrd") == {"seed": value}
 
 
 def test_an_unknown_entity_is_named(forecast: Path) -> None:

@@ -12,6 +12,7 @@ from study.errors import StudyError
 from study.recording import blueprints, viewer
 from study.recording.forecasts import record_forecast
 from study.recording.logger import RerunLogger
+from study.recording.overview import record_study
 from study.recording.scores import record_scores
 from study.recording.streams import recording
 from study.recording.tuning import record_tuning
@@ -56,6 +57,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
     "forecast": lambda path: record_forecast(
         path, toy.Puck(), toy.picks(toy.Puck(), 1), toy.PROPERTIES
     ),
+    "study": lambda path: record_study(path, toy.study_scores(), toy.TEXTS, {"study": "toy"}),
 }
 
 
@@ -73,7 +75,7 @@ def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
     KINDS[kind](path)
     shown = viewer.screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
-    documents = {"README", "About this scenario", "Hyperparameters"}
+    documents = {"README", "About this scenario", "Hyperparameters", "Cells", *toy.TEXTS}
     for name, image in shown.views.items():
         share = lettered(image) if name in documents else coloured(image)
         assert share > LEAST_COLOURED, f"{name} is blank: {share:.1e}"

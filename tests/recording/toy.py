@@ -181,6 +181,30 @@ def scores(dimensions: tuple[str, ...] = ("x", "y", "ẋ", "ẏ"), steps: int = 
     return pd.DataFrame(rows, columns=["metric", "dimension", "step", "scenario", "value"])
 
 
+def study_scores(seeds: int = 1) -> pd.DataFrame:
+    """The scores of a small study: three models at two levels, and a model the paper lacks."""
+    random = np.random.default_rng(1)
+    tables = []
+    for environment in ("puck", "sledge"):
+        for level in ("low", "high"):
+            for model in ("residual_vae", "full_vae", "drift", "oracle"):
+                for seed in range(seeds):
+                    table = scores(("x", "y"), 12 if environment == "puck" else 20)
+                    # The oracle is scored once, and is the same at both levels.
+                    table["value"] *= 0.01 if model == "oracle" else random.uniform(0.5, 2.0)
+                    if model == "oracle":
+                        ruler = table[(table["metric"] == "mmd2") & (table["dimension"] == "all")]
+                        table = pd.concat([table, ruler.assign(metric="mmd2_shift_1")])
+                    cell = {"environment": environment, "level": level, "model": model}
+                    tables.append(table.assign(**cell, seed=seed))
+    return pd.concat(tables, ignore_index=True)
+
+
+TEXTS = {
+    "Brier scores": "# Brier scores\n\n| | one |\n|---|---|\n| low | **0.2**<br>paper 0.3 |",
+    "Claims": "# Claims\n\nOf 2 claims of the paper: 1 reproduced, 1 partly, as can be seen.",
+}
+
 PROPERTIES: dict[str, str | int | float] = {
     "cell": "puck/low/residual_vae/seed-0",
     "seed": 0,
