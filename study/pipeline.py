@@ -25,7 +25,7 @@ STAGE_VERSIONS = {
     "train": 1,
     "evaluate": 2,
     "record": 3,
-    "record_data": 1,
+    "record_data": 2,
 }
 
 
