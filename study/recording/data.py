@@ -131,8 +131,12 @@ def _design(
     for page in range(count):
         part = state[page * len(state) // count : (page + 1) * len(state) // count]
         pages[f"State {page + 1}" if count > 1 else "State"] = part
-    eyes = {one.root: fans.eye(paths[one.row], targets[one.row]) for one in chosen}
     closest = {one.root: _close_up(model, paths) for one in chosen}
+    # Large bodies must stay in sight wherever they move, small ones are lost among all the paths.
+    eyes = {
+        one.root: fans.eye(paths if closest[one.root] is None else paths[one.row], targets[one.row])
+        for one in chosen
+    }
     return blueprints.data(
         {one.title: one.root for one in chosen},
         pages,
