@@ -25,7 +25,7 @@ STAGE_VERSIONS = {
     "train": 2,
     "evaluate": 2,
     "record": 4,
-    "record_data": 2,
+    "record_data": 3,
 }
 
 

@@ -10,6 +10,9 @@ from study.recording import charts
 from study.recording.properties import README
 from study.recording.spread import TITLE as SPREAD
 
+# Below the root of a trajectory: a frame that moves along with it.
+FOLLOW = "follow"
+
 Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
 
@@ -225,7 +228,7 @@ def data(
         )
         below: rrb.View | rrb.Container = distance
         if root in close_ups:
-            close = _scene("Close-up", [*scene, f"{root}/paths/run"], close_ups[root])
+            close = _scene("Close-up", scene, close_ups[root], f"{root}/{FOLLOW}")
             below = rrb.Horizontal(close, distance)
         left = rrb.Vertical(_scene("Paths", [*scene, *paths], eyes[root]), below, row_shares=[3, 2])
         pages = [
@@ -281,8 +284,10 @@ def _time_axis(first: int, last: int) -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
 
 
-def _scene(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.View:
-    """A scene in 3D, without Rerun's own grid."""
+def _scene(
+    name: str, contents: Sequence[str], eye: rrb.EyeControls3D, origin: str = "/"
+) -> rrb.View:
+    """A scene in 3D, in the frame of the entity `origin`, without Rerun's own grid."""
     return rrb.Spatial3DView(
-        origin="/", contents=list(contents), name=name, eye_controls=eye, line_grid=False
+        origin=origin, contents=list(contents), name=name, eye_controls=eye, line_grid=False
     )

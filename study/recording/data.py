@@ -29,6 +29,8 @@ KIND = "data"
 TIMELINE = "step"
 # Bodies that are smaller than this share of what the paths span need a view of their own.
 _TINY = 0.02
+# In the scene, where lines that are not opaque come out black.
+_OTHERS = (120, 120, 120, 255)
 # So many plots of signals stand on a page.
 _PAGE = 8
 
@@ -44,6 +46,7 @@ _HOW_TO_READ = """
 
 - *3D*: the paths; the orange dot, and the scene, are where the trajectory is at the time cursor.
   **Green** is its target and how close to it counts as success; green dots are the others' targets.
+- *Close-up*, where there is one: the bodies alone, at the cursor; the view moves along.
 - *Distance*: success is to come below the green line.
 - *Signals*: actions are what the model is told, states what it has to forecast.
 """
@@ -83,7 +86,7 @@ def record_data(
         scenes.log_bodies(stream, "/scene", model, fixed)
         pose = simulator.configuration(trajectories.states[0, 0])
         scenes.log_poses(stream, "/scene", model, fixed, pose)
-        fans.log_fan(stream, "/paths/all", paths, faint(OBSERVED, 110))
+        fans.log_fan(stream, "/paths/all", paths, _OTHERS)
         dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
         stream.log("/paths/targets", dots, static=True)
         _log_signals(stream, simulator, trajectories, distance, chosen)
@@ -128,8 +131,12 @@ def _design(
     for page in range(count):
         part = state[page * len(state) // count : (page + 1) * len(state) // count]
         pages[f"State {page + 1}" if count > 1 else "State"] = part
-    eyes = {one.root: fans.eye(paths, targets[one.row]) for one in chosen}
-    closest = {one.root: _close_up(model, paths, one.root) for one in chosen}
+    closest = {one.root: _close_up(model, paths) for one in chosen}
+    # Large bodies must stay in sight wherever they move, small ones are lost among all the paths.
+    eyes = {
+        one.root: fans.eye(paths if closest[one.root] is None else paths[one.row], targets[one.row])
+        for one in chosen
+    }
     return blueprints.data(
         {one.title: one.root for one in chosen},
         pages,
@@ -143,8 +150,8 @@ def _signals(group: str, variables: tuple["Variable", ...]) -> list[tuple[str, s
     return [(f"{group} {bands.title(v)}", entity_path(group, v.name)) for v in variables]
 
 
-def _close_up(model: Any, paths: NDArray[np.float32], root: str) -> rrb.EyeControls3D | None:
-    """Follow the bodies closely where they are too small to be seen beside their paths."""
+def _close_up(model: Any, paths: NDArray[np.float32]) -> rrb.EyeControls3D | None:
+    """An eye close to bodies that are too small to be seen beside their paths, or none."""
     moving = scenes.moving_bodies(model)
     points = paths.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -157,13 +164,11 @@ def _close_up(model: Any, paths: NDArray[np.float32], root: str) -> rrb.EyeContr
     size = float(away.max())
     if size > _TINY * float(np.ptp(points, axis=0).max()):
         return None
-    body = model.body(moving[0]).name or f"body_{moving[0]}"
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=points[0] + 2.5 * size * np.array([-0.5, -1.0, 0.6]),
-        look_target=points[0],
+        position=2.5 * size * np.array([-0.5, -1.0, 0.6]),
+        look_target=(0, 0, 0),
         eye_up=(0, 0, 1),
-        tracking_entity=f"{root}/scene/{body}",
     )
 
 
@@ -216,6 +221,10 @@ def _log_run(
     stream.log(f"{root}/paths/run", line, static=True)
     look = rr.Points3D.from_fields(colors=[NOW], radii=rr.Radius.ui_points(6.0))
     stream.log(f"{root}/paths/now", look, static=True)
+    # Told to track an entity, the eye stays where it is in a viewer without a window. So the view's
+    # origin moves, but does not turn: the bodies are seen to tilt.
+    frame = rr.Transform3D.columns(translation=path)
+    stream.send_columns(f"{root}/{blueprints.FOLLOW}", [time_column(TIMELINE, steps)], frame)
     dots = rr.Points3D.columns(positions=path)
     stream.send_columns(f"{root}/paths/now", [time_column(TIMELINE, steps)], dots)
     moving = scenes.moving_bodies(model)
@@ -229,26 +238,23 @@ def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen) -> 
     states, task = trajectories.states[one.row], trajectories.task[one.row]
     success = bool(simulator.outcome(states[1:], task))
     seconds = simulator.control_step * trajectories.horizon
-    rows = [
-        (v.name, f"{x:.3g} {v.unit}", v.meaning) for v, x in zip(simulator.task, task, strict=True)
-    ]
     text = (
         f"# {one.title}\n\nTrajectory {one.row}: of the {len(trajectories)} here it *{one.rule}*. "
         f"It {'**succeeds**' if success else 'does **not succeed**'} within {seconds:.3g} s "
         f"({trajectories.horizon} steps of {simulator.control_step:g} s).\n\n"
-        f"## What was asked for\n\n{table(('task', 'value', 'meaning'), rows)}\n\n"
-        f"## What no model sees\n\n"
+        f"## What was asked for\n\n{_values(simulator.task, task)}\n"
+        f"## What no model sees\n\n{_values(simulator.hidden, trajectories.hidden[one.row])}"
+        "- the target, and the noise at each step\n\n"
     )
-    hidden = trajectories.hidden[one.row]
-    rows = [
-        (v.name, f"**{x:.3g} {v.unit}**", v.meaning)
-        for v, x in zip(simulator.hidden, hidden, strict=True)
-    ]
-    if rows:
-        text += table(("hidden", "value", "meaning"), rows) + "\n\nand noise at each step.\n\n"
-    else:
-        text += "The noise at each step; it has no hidden variables.\n\n"
     return text + f"## How to read it\n{_HOW_TO_READ}"
+
+
+def _values(variables: tuple["Variable", ...], values: NDArray[np.float32]) -> str:
+    """A list of variables with their values, which wraps where a table would be cut off."""
+    return "".join(
+        f"- {v.name} = **{value:.3g} {v.unit}**, {v.meaning}\n"
+        for v, value in zip(variables, values, strict=True)
+    )
 
 
 def _tables(

@@ -103,6 +103,7 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
                 design[container]["ContainerBlueprint"]["active_tab"] = tab
             if tabs:
                 _ask(lambda: client.set_blueprint(design, "recording"))
+                _settle(client)
             whole = out_dir / f"{path.stem}-page-{page + 1:02d}.png"
             for view in shown:
                 name = _free(names[_view_id(view)], views)
@@ -198,6 +199,16 @@ def _wait(question: Callable[[], T], done: Callable[[T], bool]) -> T:
             raise StudyError("the viewer has not loaded the recording in a minute")
         time.sleep(0.1)
     return answer
+
+
+def _settle(client: ViewerClient) -> None:
+    """Wait until two pictures of the window are the same: a new tab's plots begin empty."""
+    last = b""
+    for _ in range(10):
+        picture = _ask(client.take_screenshot)
+        if picture == last:
+            return
+        last = picture
 
 
 def _pages(design: dict[str, Any]) -> list[tuple[dict[str, str], list[str]]]:

@@ -1,10 +1,15 @@
 """The recording of training data: the same numbers as the data, small, and explained."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
+import pytest
 
 from study.data.trajectories import Trajectories
+from study.envs.simulator import Variable
+from study.errors import StudyError
 from study.recording.data import record_data
 from study.recording.files import check
 from study.recording.reading import entities, properties, scalars
@@ -30,3 +35,42 @@ def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
         read = scalars(path, f"/state/{name}").to_numpy(np.float64)
         np.testing.assert_allclose(read[:, -5:], data.states[..., column].T, rtol=1e-6)
     assert path.stat().st_size < 1_000_000
+
+
+class Weighted(toy.Puck):
+    """A puck with a hidden load."""
+
+    hidden: ClassVar[tuple[Variable, ...]] = (Variable("load", "kg", "mass carried"),)
+
+
+def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
+    load = np.array([[0.1], [0.5], [0.2], [np.inf], [0.4]], dtype=np.float32)
+    path = tmp_path / "data.rrd"
+    record_data(path, Weighted(), replace(trajectories(), hidden=load), toy.PROPERTIES)
+    read = scalars(path, "/hidden/load")["value"].to_numpy()
+    assert np.isnan(read[3])
+    np.testing.assert_allclose(read[[0, 1, 2, 4]], load[[0, 1, 2, 4], 0])
+
+
+def test_a_trajectory_that_is_lost_is_drawn_until_then(tmp_path: Path) -> None:
+    data, path = trajectories(), tmp_path / "data.rrd"
+    states = data.states.copy()
+    states[2, 7:] = np.nan
+    states[4] = np.inf
+    record_data(path, toy.Puck(), replace(data, states=states), toy.PROPERTIES)
+    read = scalars(path, "/state/x").to_numpy(np.float64)
+    assert np.isfinite(read[:7, 2]).all()
+    assert np.isnan(read[7:, 2]).all()
+    assert np.isnan(read[:, 4]).all()
+    np.testing.assert_allclose(read[:, 0], states[0, :, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("harm", ["flip", "cut"])
+def test_damage_is_found_and_named(harm: str, tmp_path: Path) -> None:
+    path = tmp_path / "data.rrd"
+    record_data(path, toy.Puck(), trajectories(), toy.PROPERTIES)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content if harm == "flip" else path.read_bytes()[:-1])
+    with pytest.raises(StudyError, match=r"data\.rrd is damaged"):
+        check(path)

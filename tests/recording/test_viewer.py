@@ -10,13 +10,14 @@ import pytest
 
 from study.errors import StudyError
 from study.recording import blueprints, viewer
+from study.recording.data import record_data
 from study.recording.forecasts import record_forecast
 from study.recording.logger import RerunLogger
 from study.recording.overview import record_study
 from study.recording.scores import record_scores
 from study.recording.streams import recording
 from study.recording.tuning import record_tuning
-from tests.recording import toy
+from tests.recording import test_data, toy
 
 # An empty plot has a title, axes and a cursor on a ground of one colour: see the test of it below.
 LEAST_COLOURED = 5e-4
@@ -51,6 +52,7 @@ def _training(path: Path) -> None:
 
 
 KINDS: dict[str, Callable[[Path], None]] = {
+    "data": lambda path: record_data(path, toy.Puck(), test_data.trajectories(), toy.PROPERTIES),
     "training": _training,
     "tuning": lambda path: record_tuning(path, toy.trials(), toy.PROPERTIES),
     "scores": lambda path: record_scores(path, toy.scores(), toy.PROPERTIES),
@@ -75,9 +77,10 @@ def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
     KINDS[kind](path)
     shown = viewer.screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
-    documents = {"README", "About this scenario", "Hyperparameters", "Cells", *toy.TEXTS}
+    documents = {"README", "About this scenario", "About this trajectory", "Hyperparameters"}
+    documents |= {"Cells", *toy.TEXTS}
     for name, image in shown.views.items():
-        share = lettered(image) if name in documents else coloured(image)
+        share = lettered(image) if name.split(" (")[0] in documents else coloured(image)
         assert share > LEAST_COLOURED, f"{name} is blank: {share:.1e}"
 
 
