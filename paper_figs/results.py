@@ -10,7 +10,7 @@ import pandas as pd
 
 from study.errors import BadInput, StudyError
 from study.metrics.table import CELL, COLUMNS
-from study.paper import BRIER, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
+from study.paper import BEYOND, BRIER, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
 
 
 def read_scores(results: Path) -> pd.DataFrame:
@@ -63,7 +63,7 @@ def levels(scores: pd.DataFrame) -> list[str]:
 
 def models(scores: pd.DataFrame) -> list[str]:
     """The models that have scores, the paper's first."""
-    return in_order(scores["model"].unique(), MODELS)
+    return in_order(scores["model"].unique(), (*MODELS, *BEYOND))
 
 
 def forecasters(scores: pd.DataFrame, environment: str) -> tuple[list[str], list[str]]:
@@ -74,7 +74,7 @@ def forecasters(scores: pd.DataFrame, environment: str) -> tuple[list[str], list
     references = [ORACLE, ENSEMBLE]
     present = [model for model in models(scores) if model not in references]
     of_paper = any(environment == known for known, _, _ in BRIER)
-    return in_order([*MODELS, *present] if of_paper else present, MODELS), references
+    return in_order([*MODELS, *present] if of_paper else present, (*MODELS, *BEYOND)), references
 
 
 def command(

@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from study.paper import ENSEMBLE, FULL, MLP, ORACLE, RESIDUAL
+from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS
 
 COLUMN_WIDTH = 3.5
 """Inches: one column of a two-column paper."""
@@ -16,13 +16,15 @@ COLOURS = {
     RESIDUAL: "#0072B2",
     FULL: "#D55E00",
     MLP: "#009E73",
+    RESIDUAL_CRPS: "#56B4E9",
+    FULL_CRPS: "#E69F00",
     ENSEMBLE: "#CC79A7",
     ORACLE: "#777777",
 }
 """Okabe and Ito's palette, which people with any colour vision tell apart."""
 
-CYCLE = ("#E69F00", "#56B4E9", "#000000", "#F0E442")
-"""For models that the paper does not have."""
+CYCLE = ("#882255", "#000000", "#F0E442")
+"""For models of your own."""
 
 DASHES = (0, (3, 1.5))
 """The line of high epistemic uncertainty; low is solid, as in the paper's Fig. 3."""

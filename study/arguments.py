@@ -8,7 +8,7 @@ import re
 import warnings
 from argparse import ArgumentError
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from jsonargparse import ArgumentParser
 
 from study.config import Config, check, keys
 from study.errors import BadInput, nearest
+from study.grid import GROUPS, with_groups
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
@@ -121,7 +122,8 @@ def parse(arguments: list[str]) -> Command:
     _check_file(Path(given) if given else CONFIGS / "quick.yaml")
     if given is None:
         rest = ["--config", str(CONFIGS / "quick.yaml"), *rest]
-    config, namespace = _read(parser, rest)
+    config, namespace = _read(parser, _with_lists(rest))
+    config = replace(config, grid=with_groups(config.grid))
     check(config)
     out = Path(namespace.out) if namespace.out else Path("results") / config.name
     own = {name: getattr(namespace, name) for name in (n.strip("-") for n in OWN.get(command, ()))}
@@ -219,6 +221,18 @@ def _flag(arguments: list[str], flag: str) -> str | None:
         if argument.startswith(flag + "="):
             return argument.partition("=")[2]
     return None
+
+
+def _with_lists(arguments: list[str]) -> list[str]:
+    """``--grid.models all`` is short for ``--grid.models '[all]'``."""
+    flag, short = "--grid.models", list(arguments)
+    for position, argument in enumerate(arguments):
+        name, equals, value = argument.partition("=")
+        if name == flag and value in GROUPS:
+            short[position] = f"{flag}{equals}[{value}]"
+        elif argument in GROUPS and position and arguments[position - 1] == flag:
+            short[position] = f"[{argument}]"
+    return short
 
 
 def _check_file(path: Path) -> None:

@@ -23,7 +23,8 @@ class Grid:
     Args:
         environments: real systems, by their registered names.
         levels: epistemic levels: `low` has all the data, `high` a tenth of it.
-        models: models, by their registered names.
+        models: models, by their registered names; `paper` stands for the paper's three, `all` for
+            these and the two that are beyond the paper.
         seeds: initialisations, orders of data, and (level high) which tenth of the data.
     """
 
@@ -130,6 +131,32 @@ class Vae:
 
 
 @dataclass(frozen=True)
+class Crps:
+    """The generators trained by proper scores, beyond the paper.
+
+    Args:
+        hidden_size: width of the decoder's GRU.
+        noise_size: standard normal numbers that drive the decoder at each step.
+        lasting: so many of them are drawn once and stay for the whole trajectory.
+        samples: forecasts of each training trajectory that are scored together.
+        energy: weight of the energy score of the joint state.
+        increments: weight of the energy score of the joint state's change over a few steps.
+        residual_output: the residual generator gives ε_{t+1} (`direct`) or its change
+            (`increment`).
+        full_output: the full generator gives s_{t+1} (`direct`) or its change (`increment`).
+    """
+
+    hidden_size: int = setting(64, low=1)
+    noise_size: int = setting(8, low=1)
+    lasting: int = setting(4, low=0)
+    samples: int = setting(2, low=2)
+    energy: float = setting(0.3, low=0.0)
+    increments: float = setting(0.0, low=0.0)
+    residual_output: str = setting("increment", choices=("direct", "increment"))
+    full_output: str = setting("increment", choices=("direct", "increment"))
+
+
+@dataclass(frozen=True)
 class Mlp:
     """The probabilistic MLP (section III-C).
 
@@ -206,6 +233,7 @@ class Config:
         tune: the search for beta.
         vae: the residual VAE and the full VAE.
         mlp: the probabilistic MLP.
+        crps: the generators beyond the paper.
         train: fitting a cell's model.
         evaluate: forecasts and scores.
         engine: where stages run.
@@ -219,6 +247,7 @@ class Config:
     tune: Tune = Tune()
     vae: Vae = Vae()
     mlp: Mlp = Mlp()
+    crps: Crps = Crps()
     train: Train = Train()
     evaluate: Evaluate = Evaluate()
     engine: Engine = Engine()

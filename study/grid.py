@@ -1,11 +1,12 @@
 """The cells of the study: environment × epistemic level × model × seed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import product
 
-from study.config import Config
+from study.config import Config, Grid
 from study.errors import BadInput, nearest
+from study.paper import BEYOND, MODELS
 
 # Reference forecasters, scored by the same code as every model.
 REFERENCES = ("oracle", "ensemble")
@@ -29,6 +30,17 @@ class Cell:
     def is_reference(self) -> bool:
         """Whether this is the oracle or the ensemble alone."""
         return self.model in REFERENCES
+
+
+# Models by one name: ``--grid.models all``.
+GROUPS = {"paper": MODELS, "all": (*MODELS, *BEYOND)}
+
+
+def with_groups(grid: Grid) -> Grid:
+    """The grid with the names of groups replaced by their models, each once."""
+    named = [model for name in grid.models for model in GROUPS.get(name, (name,))]
+    groups = any(name in GROUPS for name in grid.models)
+    return replace(grid, models=tuple(dict.fromkeys(named) if groups else named))
 
 
 def cells(config: Config) -> list[Cell]:

@@ -9,6 +9,7 @@ import pytest
 from study.arguments import CONFIGS, parse
 from study.config import Config, keys
 from study.errors import BadInput
+from study.paper import BEYOND, MODELS
 from study.run import main
 
 BAD = [
@@ -121,6 +122,20 @@ def test_flags_and_files_set_the_same_settings(tmp_path: Path) -> None:
     assert command.config.grid.seeds == (0, 1)
     assert command.out == Path("somewhere")
     assert parse(["all", "--config", str(path)]).out == Path("results/mine")
+
+
+@pytest.mark.parametrize(
+    ("given", "models"),
+    [
+        (["--grid.models", "paper"], MODELS),
+        (["--grid.models=all"], (*MODELS, *BEYOND)),
+        (["--grid.models", "[all]"], (*MODELS, *BEYOND)),
+        (["--grid.models", "[full_crps, paper]"], ("full_crps", *MODELS)),
+        (["--grid.models", "[full_vae]"], ("full_vae",)),
+    ],
+)
+def test_groups_of_models(given: list[str], models: tuple[str, ...]) -> None:
+    assert parse(["all", *given]).config.grid.models == models
 
 
 def test_the_shipped_configs_are_valid() -> None:

@@ -12,7 +12,8 @@ import math
 import torch
 from torch import Tensor, nn
 
-from study.models.recurrence import feedback_gru, gru
+from study.models.decoder import RecurrentDecoder
+from study.models.recurrence import gru
 
 
 class RecurrentCvae(nn.Module):
@@ -29,8 +30,6 @@ class RecurrentCvae(nn.Module):
         sees_target: the encoder sees x_{t+1} beside s_t and the condition.
     """
 
-    output_scale: Tensor
-
     def __init__(
         self,
         output_scale: Tensor,
@@ -42,17 +41,14 @@ class RecurrentCvae(nn.Module):
     ) -> None:
         super().__init__()
         state_size = len(output_scale)
-        self.increments, self.sees_target = increments, sees_target
-        self.register_buffer("output_scale", output_scale.clone())
+        self.sees_target = sees_target
         seen = state_size * (2 if sees_target else 1) + condition_size
         self.encoder_driven = nn.Linear(seen, 3 * hidden_size)
         self.encoder_recurrent = nn.Linear(hidden_size, 3 * hidden_size)
         self.posterior = nn.Linear(hidden_size, 2 * latent_size)
-        self.start = nn.Sequential(nn.Linear(state_size + condition_size, hidden_size), nn.Tanh())
-        self.driven = nn.Linear(condition_size + latent_size, 3 * hidden_size)
-        self.feed = nn.Linear(state_size, 3 * hidden_size, bias=False)
-        self.recurrent = nn.Linear(hidden_size, 3 * hidden_size)
-        self.out = nn.Linear(hidden_size, state_size)
+        self.decode = RecurrentDecoder(
+            output_scale, condition_size, hidden_size, latent_size, increments
+        )
         self.log_scale = nn.Parameter(torch.full((state_size,), math.log(0.3)))
 
     def encode(self, target: Tensor, states: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
@@ -71,39 +67,6 @@ class RecurrentCvae(nn.Module):
         hidden = gru(torch.cat(seen, -1), begin, enter, weight, bias)
         mean, log_variance = self.posterior(hidden).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
-
-    def decode(
-        self,
-        s0: Tensor,
-        baseline: Tensor,
-        condition: Tensor,
-        latent: Tensor,
-        truth: Tensor | None = None,
-    ) -> Tensor:
-        """ŝ_{1:T} [B, T, D] from latent z_{0:T-1} [B, T, Z].
-
-        The decoder's state history is its own predictions, or with `truth` the observed states.
-
-        Args:
-            s0: [B, D].
-            baseline: b_{0:T} [B, T+1, D].
-            condition: [B, T, C].
-            latent: [B, T, Z].
-            truth: s_{0:T-1} [B, T, D]: teacher forcing.
-        """
-        hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
-        inputs = torch.cat([condition, latent], -1)
-        enter = torch.cat([self.driven.weight, self.feed.weight], -1).T
-        weight, bias = self.recurrent.weight.T, torch.stack([self.driven.bias, self.recurrent.bias])
-        out, offset = self.out.weight.T * self.output_scale, self.out.bias * self.output_scale
-        # ŝ_{t+1} = x̂_{t+1} + b_{t+1}, and the state ŝ_t itself holds x̂_t + b_t.
-        drift = baseline[:, 1:] - baseline[:, :-1] if self.increments else baseline[:, 1:]
-        keep = float(self.increments)
-        if truth is None:
-            drift = drift + offset
-            return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)[1]
-        hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
-        return keep * truth + hiddens @ out + offset + drift
 
     def loss(
         self, prediction: Tensor, truth: Tensor, mean: Tensor, log_variance: Tensor, beta: float

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from study.data.scaling import Scaling
-from study.models.forecaster import each_sample, models
+from study.models.baseline import of_nothing
+from study.models.forecaster import models
 from study.models.vae import Vae
 
 
@@ -24,7 +24,5 @@ class FullVae(Vae):
     def conditions(
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """See `Vae.conditions`: b = 0; the decoder sees the actions."""
-        condition = each_sample(actions, member.shape[1])
-        rows, horizon, _ = condition.shape
-        return torch.zeros(rows, horizon + 1, self.state_size, device=s0.device), condition
+        """See `Vae.conditions`: b = 0."""
+        return of_nothing(s0, actions, member.shape[1])

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from study.data.scaling import Scaling
+from study.models.baseline import of_members
 from study.models.ensemble import Ensemble
-from study.models.forecaster import each_sample, models
+from study.models.forecaster import models
 from study.models.vae import Vae
 
 
@@ -36,12 +36,5 @@ class ResidualVae(Vae):
     def conditions(
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """See `Vae.conditions`: b = ŷ_m; the decoder sees the actions and ŝ^m_{t+1} (Figure 2)."""
-        if members is None:
-            with torch.no_grad():
-                members = self.ensemble(s0, actions)
-        scenarios = torch.arange(len(s0), device=s0.device)[:, None]
-        forecast = members[scenarios, member].flatten(0, 1)
-        samples = member.shape[1]
-        baseline = torch.cat([each_sample(s0, samples)[:, None], forecast], dim=1)
-        return baseline, torch.cat([each_sample(actions, samples), forecast], dim=-1)
+        """See `Vae.conditions`: b = ŷ_m."""
+        return of_members(self.ensemble, s0, actions, member, members)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
-from study.paper import ENSEMBLE, FULL, MLP, ORACLE, RESIDUAL, label
+from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS, label
 from study.recording import blueprints
 from study.recording.palette import REFERENCE, Colour, faint, model_colours
 from study.recording.properties import Properties, table, write_markdown, write_readme
@@ -27,7 +27,15 @@ _MAIN = {
 }
 # The MMD² of right forecasts that are shifted by so much; it comes with the oracle's scores.
 _RULER = {f"mmd2_shift_{shift}": f"ruler: {shift} sd" for shift in ("0.1", "0.3", "1")}
-_COLOURS = {RESIDUAL: "blue", FULL: "orange", MLP: "green", ENSEMBLE: "pink", ORACLE: "grey"}
+_COLOURS = {
+    RESIDUAL: "blue",
+    FULL: "orange",
+    MLP: "green",
+    RESIDUAL_CRPS: "light blue",
+    FULL_CRPS: "yellow",
+    ENSEMBLE: "pink",
+    ORACLE: "grey",
+}
 _README = """
 # The whole study
 

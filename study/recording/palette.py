@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from study.paper import ENSEMBLE, FULL, MLP, ORACLE, RESIDUAL
+from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS
 
 Colour = tuple[int, int, int, int]
 
@@ -36,6 +36,8 @@ MODELS: dict[str, Colour] = {
     RESIDUAL: (0, 114, 178, 255),
     FULL: (213, 94, 0, 255),
     MLP: (0, 158, 115, 255),
+    RESIDUAL_CRPS: (86, 180, 233, 255),
+    FULL_CRPS: (230, 159, 0, 255),
     ENSEMBLE: (204, 121, 167, 255),
     ORACLE: (119, 119, 119, 255),
 }
@@ -54,6 +56,6 @@ def faint(colour: Colour, alpha: int) -> Colour:
 
 
 def model_colours(models: Iterable[str]) -> dict[str, Colour]:
-    """A colour for each model, as in the figures; those that the paper does not have take turns."""
+    """A colour for each model, as in the figures; your own ones take turns."""
     others = sorted(set(models) - set(MODELS))
-    return MODELS | {model: series((5, 4, *range(6, 12))[i % 8]) for i, model in enumerate(others)}
+    return MODELS | {model: series(6 + i % 6) for i, model in enumerate(others)}

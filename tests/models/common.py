@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from study.config import Config, Ensemble, Mlp, Vae
+from study.config import Config, Crps, Ensemble, Mlp, Vae
 from study.data.scaling import Scaling
 from study.data.trajectories import Trajectories
 from study.models import Model
@@ -27,6 +27,7 @@ def trajectories(count: int = 12, seed: int = 0) -> Trajectories:
 def settings(**vae: Any) -> dict[str, Any]:
     return {
         "vae": asdict(Vae(hidden_size=8, latent_size=4, **vae)),
+        "crps": asdict(Crps(hidden_size=8, noise_size=5, lasting=2)),
         "mlp": asdict(Mlp(hidden_size=8, layers=2)),
         "train": asdict(Config().train),
         "ensemble": asdict(Ensemble(members=3, hidden_size=8)),

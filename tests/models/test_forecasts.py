@@ -12,7 +12,14 @@ from study.seeds import spawn
 from study.stages.weights import load_model, save_model
 from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
 
-NAMES = ["residual_vae", "full_vae", "probabilistic_mlp", "ensemble"]
+NAMES = [
+    "residual_vae",
+    "full_vae",
+    "probabilistic_mlp",
+    "ensemble",
+    "residual_crps",
+    "full_crps",
+]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("full_vae", {"full_output": "direct"}),
     ("residual_vae", {"residual_output": "increment"}),

@@ -51,8 +51,8 @@ def test_the_target_is_the_residual_to_the_drawn_member() -> None:
     torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
     computed, _ = vae.conditions(states[:, 0], actions, drawn[:, None], None)
     torch.testing.assert_close(computed, baseline)
-    vae.cvae.out.weight.data.zero_()
-    vae.cvae.out.bias.data.zero_()
+    vae.cvae.decode.out.weight.data.zero_()
+    vae.cvae.decode.out.bias.data.zero_()
     noise = torch.zeros(8, 1, HORIZON, 4)
     forecast = vae.sample(states[:, 0], actions, noise, drawn[:, None])
     torch.testing.assert_close(forecast[:, 0], baseline[:, 1:])  # ε̂ = 0

@@ -1,0 +1,113 @@
+"""The generators beyond the paper: a score without bias, and noise that lasts."""
+
+import numpy as np
+import pytest
+import scoringrules
+import torch
+from scipy.stats import norm
+
+from study.models.crps import CrpsGenerator, fair_score
+from tests.models.common import ACTION, HORIZON, STATE, model
+
+NAMES = ["residual_crps", "full_crps"]
+LASTING, NOISE = 2, 5
+
+
+def generator(name: str) -> CrpsGenerator:
+    made = model(name)
+    assert isinstance(made, CrpsGenerator)
+    return made
+
+
+@pytest.mark.parametrize("samples", [2, 3, 7])
+def test_the_score_has_no_bias(samples: int) -> None:
+    """Against the closed form of the CRPS of a normal: the mean over many small samples."""
+    mean, scale, observed = 0.4, 1.7, -0.9
+    draws = torch.randn(200_000, samples, 1, generator=torch.Generator().manual_seed(0))
+    scores = fair_score(mean + scale * draws.double(), torch.tensor([[observed]]).double())
+    z = (observed - mean) / scale
+    expected = scale * (z * (2 * norm.cdf(z) - 1) + 2 * norm.pdf(z) - 1 / np.sqrt(np.pi))
+    error = float(scores.std()) / len(scores) ** 0.5
+    assert float(scores.mean()) == pytest.approx(expected, abs=4 * error)
+    assert 4 * error < 0.02
+
+
+@pytest.mark.parametrize("size", [1, 4])
+def test_the_score_against_scoringrules(size: int) -> None:
+    draws = np.random.default_rng(0)
+    forecasts, observed = draws.normal(size=(30, 6, size)), draws.normal(size=(30, size))
+    found = fair_score(torch.from_numpy(forecasts), torch.from_numpy(observed))
+    expected = scoringrules.es_ensemble(observed, forecasts, estimator="fair")
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_forecasts_that_coincide_have_a_derivative() -> None:
+    forecasts = torch.zeros(3, 2, 4, requires_grad=True)
+    fair_score(forecasts, torch.zeros(3, 4)).sum().backward()
+    assert forecasts.grad is not None
+    assert forecasts.grad.isfinite().all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_lasting_noise_lasts(name: str) -> None:
+    """Its first value serves for every step; the other components are drawn at each."""
+    network = generator(name)
+    torch.manual_seed(0)
+    given = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
+    noise, member = torch.randn(2, 3, HORIZON, NOISE), torch.zeros(2, 3, dtype=torch.int64)
+    forecasts = network.sample(*given, noise, member)
+
+    def changed(step: int, component: int) -> list[bool]:
+        """Which steps of the forecasts change with one number of the noise."""
+        other = noise.clone()
+        other[:, :, step, component] += 1.0
+        differs = network.sample(*given, other, member) != forecasts
+        return [bool(differs[:, :, t].any()) for t in range(HORIZON)]
+
+    for component in range(NOISE):
+        lasts = component < LASTING
+        assert changed(0, component) == [True] * HORIZON
+        later = [False] * 3 + [True] * (HORIZON - 3)
+        assert changed(3, component) == ([False] * HORIZON if lasts else later)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = generator(name)
+    monkeypatch.setattr(network, "tell", lambda *_: None)
+    before = {k: v.clone() for k, v in network.state_dict().items() if k.startswith("ensemble")}
+    torch.manual_seed(0)
+    batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
+    optimizer = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], 1e-2)
+    losses = []
+    for _ in range(40):
+        loss = network.training_step(batch)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert np.mean(losses[-5:]) < np.mean(losses[:5])
+    for key, value in before.items():
+        assert torch.equal(network.state_dict()[key], value)
+
+
+@pytest.mark.parametrize("increments", [0.0, 0.5])
+def test_the_loss_is_relative(increments: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every number counts by its own uncertainty: units change the loss by a constant."""
+    network = generator("full_crps")
+    network.settings["crps"]["increments"] = increments
+    monkeypatch.setattr(network, "tell", lambda *_: None)
+    monkeypatch.setattr("study.models.crps.LAG", 2)
+    torch.manual_seed(0)
+    states, actions = torch.randn(8, HORIZON + 1, STATE), torch.randn(8, HORIZON, ACTION)
+    forecasts = torch.randn(8, 2, HORIZON, STATE)
+    units = torch.tensor([1.0, 10.0, 0.1])
+
+    def loss(by: torch.Tensor) -> float:
+        monkeypatch.setattr(network, "_generate", lambda *_: forecasts * by)
+        return float(network.training_step({"states": states * by, "actions": actions}))
+
+    constant = float(units.log().mean())
+    assert loss(units) == pytest.approx(loss(torch.ones(STATE)) + constant, abs=1e-4)
