@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from study import compiler
 from study.arguments import Command, parse
 from study.artifacts import Store, Task
 from study.display import Display
@@ -95,6 +96,8 @@ def _run_due(command: Command, due: list[Task], store: Store, console: Console) 
     side_by_side = min(workers(engine), len(due))
     stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
     _say(console, f"{stages} to run, {side_by_side} at a time; results in {command.out}")
+    if compiler.find() is None:
+        _say(console, "no C compiler: recurrent networks run in plain torch, at half the speed")
     with (
         Display(due, store, console, side_by_side) as display,
         executor(engine) as pool,

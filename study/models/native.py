@@ -5,13 +5,7 @@ Without a C compiler, or with ``STUDY_COMPILED=0`` in the environment, there is 
 """
 
 import ctypes
-import hashlib
 import logging
-import os
-import platform
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -21,8 +15,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from study import compiler
+
 SOURCE = Path(__file__).with_name("recurrence.c")
-FLAGS = ("-O3", "-march=native", "-fPIC", "-shared")
 ROWS = 12
 """Trajectories in a block, as in the source."""
 
@@ -34,21 +29,18 @@ _log = logging.getLogger(__name__)
 @cache
 def library() -> ctypes.CDLL | None:
     """The compiled functions; None where there are none."""
-    if os.environ.get("STUDY_COMPILED") == "0":
-        return None
-    compiler = _compiler()
-    if compiler is None:
+    if (found := compiler.find()) is None:
         return None
     try:
-        found = ctypes.CDLL(str(_built(compiler)))
-    except (OSError, subprocess.SubprocessError) as error:
-        _log.warning("recurrent networks run in plain torch, since %s", error)
+        built = ctypes.CDLL(str(compiler.build(SOURCE, found)))
+    except OSError as error:
+        _log.warning("recurrent networks run in plain torch: %s", error)
         return None
     for name, arrays in _ARRAYS.items():
-        function = getattr(found, name)
+        function = getattr(built, name)
         function.argtypes = _SIZES + (ctypes.c_void_p,) * arrays
         function.restype = None
-    return found
+    return built
 
 
 def call(
@@ -83,41 +75,3 @@ def call(
         ]
     for part in parts:
         part.result()
-
-
-def _compiler() -> str | None:
-    names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
-    return next((path for name in names if name and (path := shutil.which(name))), None)
-
-
-def _built(compiler: str) -> Path:
-    """The shared library, in a folder of the user's; made if it is not there."""
-    version = subprocess.run([compiler, "--version"], capture_output=True, check=True, timeout=30)
-    key = hashlib.sha256(SOURCE.read_bytes() + version.stdout + _processor().encode())
-    key.update(" ".join(FLAGS).encode())
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "study"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = Path(tempfile.gettempdir())
-    path = folder / f"recurrence-{key.hexdigest()[:20]}.so"
-    if not path.is_file():
-        # Several processes may build at once: each has its own file, and the last one stays.
-        with tempfile.TemporaryDirectory(dir=folder) as own:
-            built = Path(own) / path.name
-            command = [compiler, *FLAGS, str(SOURCE), "-o", str(built)]
-            done = subprocess.run(command, capture_output=True, timeout=120, text=True)
-            if done.returncode:
-                raise OSError(f"{compiler} failed: {done.stderr.strip()[:200]}")
-            os.replace(built, path)
-    return path
-
-
-def _processor() -> str:
-    """What a program for this very processor depends on."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return f"{platform.machine()} {platform.processor()}"
-    wanted = ("model name", "flags", "Features", "CPU part")
-    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
