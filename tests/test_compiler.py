@@ -16,6 +16,7 @@ def found() -> str:
     path = compiler.find()
     if path is None:
         pytest.fail("no C compiler") if os.environ.get("CI") else pytest.skip("no C compiler")
+    assert path is not None
     return path
 
 
@@ -53,7 +54,7 @@ def test_a_cache_that_cannot_be_written(source: Path, found: str, tmp_path: Path
 
 def test_a_source_that_is_wrong(source: Path, found: str, tmp_path: Path) -> None:
     source.write_text("int seven(void) { return }\n")
-    with pytest.raises(OSError, match="failed: .*seven") as error:
+    with pytest.raises(OSError, match=r"failed: .*seven") as error:
         compiler.build(source, found)
     assert "\n" not in str(error.value)
     assert list((tmp_path / "cache" / "study").iterdir()) == []
