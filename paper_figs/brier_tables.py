@@ -25,7 +25,7 @@ from paper_figs.results import (
     models,
     read_scores,
 )
-from paper_figs.text import latex, title
+from paper_figs.text import beyond, latex, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
 from study.paper import BRIER, LEVELS, ORACLE, label
@@ -160,7 +160,7 @@ def to_latex(environment: str, table: dict[str, Row]) -> str:
         "\\centering",
         f"\\begin{{tabular}}{{l{'c' * len(columns)}}}",
         "\\toprule",
-        " & ".join(["", *(title(column) for column in columns)]) + " \\\\",
+        " & ".join(["", *(latex(title(column)) for column in columns)]) + " \\\\",
         "\\midrule",
     ]
     for level, row in table.items():
@@ -208,7 +208,8 @@ def _counts(table: dict[str, Row]) -> str:
 def _notes(table: dict[str, Row]) -> list[str]:
     entries = [entry for row in table.values() for entry in row.values()]
     missing = any(entry.ours is None and not entry.failed for entry in entries)
-    return [f"— {MISSING}."] if missing else []
+    own = beyond(name for row in table.values() for name in row)
+    return [*own, f"— {MISSING}."] if missing else own
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, forecasters, levels, read_scores
-from paper_figs.text import latex, number, title
+from paper_figs.text import beyond, latex, number, title
 from study.metrics.brier import skill
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import LEVELLESS
@@ -240,6 +240,7 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
         f"intervals over {'scenarios only' if seeds == {1} else 'seeds and scenarios'}.",
         "Brier score: lower is better. Skill: 0 is the climatology (the base rate), 1 the oracle; "
         f"— where less than {LEAST_TO_KNOW:g} lies between the two.",
+        *beyond(row.model for row in rows),
     ]
     if with_terms:
         notes.append(

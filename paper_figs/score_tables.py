@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from paper_figs.results import command, environments, forecasters, levels, read_scores
-from paper_figs.text import latex, number, title
+from paper_figs.text import beyond, latex, number, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
 from study.paper import ORACLE, label
@@ -137,7 +137,7 @@ def to_latex(environment: str, tables: dict[str, Table], marks: dict[str, float]
     for level, table in tables.items():
         columns = list(next(iter(table.values()), {}))
         caption = f"Scores, {label(environment)}, {label(level)} uncertainty."
-        heads = ["", "right", *(title(column) for column in columns)]
+        heads = ["", "right", *(latex(title(column)) for column in columns)]
         lines += [
             "\\begin{table*}",
             f"\\caption{{{caption} {latex(' '.join(_notes(tables, marks)))}}}",
@@ -188,6 +188,7 @@ def _notes(tables: dict[str, Table], marks: dict[str, float]) -> list[str]:
         f"intervals over {'scenarios only' if seeds == [1] else 'seeds and scenarios'}. MMD², CRPS "
         "and energy score in standard deviations of the training data; ratios of variances are "
         "medians over steps and dimensions.",
+        *beyond(model for table in tables.values() for row in table.values() for model in row),
     ]
     if marks:
         shifts = ", ".join(f"{mark:.4f} at {shift}" for shift, mark in marks.items())

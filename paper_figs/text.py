@@ -1,8 +1,10 @@
 """How tables write numbers and words, in Markdown and in LaTeX."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from study.paper import label
+from study.paper import BEYOND, label
 
 NOTHING = "—"
 
@@ -12,6 +14,7 @@ _LATEX = (
     (NOTHING, "---"),
     ("−", "$-$"),
     ("∞", "$\\infty$"),
+    ("†", "\\textdagger{}"),
     ("²", "$^2$"),
     ("× ½", "$\\times\\frac{1}{2}$"),
     ("×", "$\\times$"),
@@ -28,6 +31,11 @@ def number(value: float | None, digits: int = 3) -> str:
         return f"{value:.1e}".replace("-", "−")
     # Adding 0 turns a rounded -0.000 into 0.000.
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def beyond(models: Iterable[str]) -> list[str]:
+    """The note on models that the paper does not have, where there are any."""
+    return ["† Beyond the paper."] if set(models) & set(BEYOND) else []
 
 
 def title(name: str) -> str:

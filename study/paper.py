@@ -14,7 +14,7 @@ RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
 MODELS = (RESIDUAL, FULL, MLP)
 RESIDUAL_CRPS, FULL_CRPS = "residual_crps", "full_crps"
 BEYOND = (RESIDUAL_CRPS, FULL_CRPS)
-"""Models that the paper does not have: no claim of it is about them."""
+"""Models that the paper does not have (†): no claim of it is about them."""
 ORACLE, ENSEMBLE = "oracle", "ensemble"
 
 LABELS = {
@@ -25,8 +25,8 @@ LABELS = {
     RESIDUAL: "residual VAE",
     FULL: "full VAE",
     MLP: "probabilistic MLP",
-    RESIDUAL_CRPS: "residual CRPS",
-    FULL_CRPS: "full CRPS",
+    RESIDUAL_CRPS: "residual CRPS†",
+    FULL_CRPS: "full CRPS†",
     ORACLE: "oracle",
     ENSEMBLE: "ensemble alone",
 }

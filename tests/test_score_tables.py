@@ -3,17 +3,18 @@
 import ast
 import inspect
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import paper_figs
-from paper_figs import score_tables
+from paper_figs import brier_tables, outcome_tables, score_tables
 from paper_figs.text import latex, number
 from study import report
-from study.paper import FULL, ORACLE
-from tests.synthetic import scores
+from study.paper import FULL, ORACLE, RESIDUAL_CRPS
+from tests.synthetic import AS_THE_PAPER, scores
 
 
 @pytest.fixture
@@ -84,3 +85,16 @@ def test_a_study_draws_every_script_of_the_folder() -> None:
         if isinstance(node, ast.Name)
     }
     assert scripts <= names
+
+
+@pytest.mark.parametrize("tables", [score_tables, brier_tables, outcome_tables])
+def test_models_beyond_the_paper_are_marked(tables: ModuleType, tmp_path: Path) -> None:
+    own = {RESIDUAL_CRPS: (0.01, 0.02)}
+    scores({**AS_THE_PAPER, **own}, seeds=1).to_parquet(tmp_path / "scores.parquet")
+    markdown, tex = (path.read_text() for path in tables.draw(tmp_path)[:2])
+    assert "esidual CRPS† |" in markdown
+    assert "† Beyond the paper." in markdown
+    assert "esidual CRPS\\textdagger{}" in tex
+    assert "†" not in tex
+    scores(seeds=1).to_parquet(tmp_path / "scores.parquet")
+    assert "†" not in tables.draw(tmp_path)[0].read_text()
