@@ -3,7 +3,6 @@
 import importlib
 import logging
 import random
-import time
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ import numpy as np
 
 from study.artifacts import Store, Task
 from study.progress import Progress
+from study.resources import Meter
 
 STAGES = ("collect", "record_data", "ensemble", "tune", "train", "evaluate", "record")
 
@@ -47,7 +47,7 @@ class Outcome:
 def execute(task: Task, root: Path, threads: int) -> Outcome:
     """Run the task and complete its folder. An exception of the stage becomes an `Outcome`."""
     store = Store(root)
-    began, clock = datetime.now(UTC), time.perf_counter()
+    began, meter = datetime.now(UTC), Meter()
     log = store.log(task)
     log.parent.mkdir(parents=True, exist_ok=True)
     progress = Progress(store.progress(task))
@@ -60,14 +60,14 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
             module.run(dict(task.settings), inputs, out, progress)
-            seconds = time.perf_counter() - clock
-            store.finish(task, {"seconds": seconds, "began": began.isoformat(timespec="seconds")})
+            began_at = began.isoformat(timespec="milliseconds")
+            store.finish(task, {"began": began_at, "threads": threads} | meter.read())
         except Exception as problem:
             traceback.print_exc()
             error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]
         finally:
             store.progress(task).unlink(missing_ok=True)
-    return Outcome(task, time.perf_counter() - clock, error)
+    return Outcome(task, meter.read()["seconds"], error)
 
 
 def _prepare(task: Task, threads: int) -> None:

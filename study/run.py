@@ -127,7 +127,7 @@ def show_plan(command: Command) -> int:
 
 
 def show_status(command: Command) -> int:
-    """What is done, running and failed."""
+    """What is done, running and failed, and what it took."""
     from study import summary
 
     if not command.out.is_dir():
@@ -136,7 +136,8 @@ def show_status(command: Command) -> int:
     chosen = select(cells(command.config), command.only)
     records = record_tasks(command.config, store)
     tasks = line_up(records[cell] for cell in chosen)
-    summary.print_status(_console(), tasks, store, command.out)
+    side_by_side = None if command.only else summary.last_workers(command.config, command.out)
+    summary.print_status(_console(), tasks, store, command.out, side_by_side)
     return 0
 
 

@@ -1,4 +1,8 @@
-"""Run the tasks that are not up to date, each after what it reads, as many at a time as fit."""
+"""Run the tasks that are not up to date, each after what it reads, as many at a time as fit.
+
+Of the tasks that could start, the one with the most stages still behind it does: at the end, when
+fewer tasks than workers are left, these are short chains and not a whole cell.
+"""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -24,7 +28,7 @@ def run_tasks(
     Returns:
         the error, in one line, of every task that failed or could not be run.
     """
-    waiting = list(tasks)
+    waiting = longest_first(list(tasks))
     errors: dict[Task, str] = {}
     running: dict[Future[Outcome], Task] = {}
     unfinished = set(waiting)
@@ -50,6 +54,18 @@ def run_tasks(
                 write_text(store.failure(task), outcome.error + "\n")
             ended(outcome)
     return errors
+
+
+def longest_first(tasks: list[Task]) -> list[Task]:
+    """`tasks` by how many more are on the longest way from each to the end; ties as they were.
+
+    Still each after what it reads, as they have to be given.
+    """
+    behind = dict.fromkeys(tasks, 0)
+    for task in reversed(tasks):
+        for source in task.inputs.values():
+            behind[source] = max(behind.get(source, 0), behind[task] + 1)
+    return sorted(tasks, key=behind.__getitem__, reverse=True)
 
 
 def _outcome(task: Task, future: Future[Outcome]) -> Outcome:

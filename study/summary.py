@@ -13,13 +13,17 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from study import usage
 from study.artifacts import Store, Task
 from study.config import Config
+from study.engine import workers
 from study.files import read_json, write_json
 from study.grid import Cell
 from study.lock import is_locked
 from study.paper import BRIER
 from study.progress import read_progress
+
+TIMINGS = "timings.json"
 
 
 def print_table(
@@ -61,8 +65,14 @@ def print_table(
         console.print(f"FAILED {task.name}: {error}  log: {store.log(task)}", soft_wrap=True)
 
 
-def print_status(console: Console, tasks: list[Task], store: Store, out: Path) -> None:
-    """One line a stage: done, running, failed or to do, with its time."""
+def print_status(
+    console: Console, tasks: list[Task], store: Store, out: Path, workers: int | None
+) -> None:
+    """One line a stage: done, running, failed or to do, with its time; then what they all took.
+
+    Args:
+        workers: how many tasks ran side by side; None if `tasks` are a part of the study only.
+    """
     busy = is_locked(out)
     table = Table(title=f"{out}{' (a run is going on)' if busy else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
@@ -76,23 +86,42 @@ def print_status(console: Console, tasks: list[Task], store: Store, out: Path) -
     table.add_section()
     table.add_row("all", "", "", f"{total:.1f}")
     console.print(table)
+    timings = [(task.stage, store.timing(task)) for task in tasks]
+    console.print(usage.by_stage(timings))
+    if workers and (line := usage.in_all([timing for _, timing in timings], workers)):
+        console.print(line, soft_wrap=True)
+
+
+def last_workers(config: Config, out: Path) -> int:
+    """How many tasks ran side by side, in the run that published the results."""
+    try:
+        return int(read_json(out / TIMINGS)["workers"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return workers(config.engine)
 
 
 def write_timings(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
-    """``timings.json``: how long each stage took, on what, and how the stages were run.
+    """``timings.json``: what each stage took, on what, and how the stages were run.
 
+    Seconds of wall time and of CPU time, and the peak of memory in bytes, where they are known.
     These differ from run to run, so they are not part of ``study.json``.
     """
-    seconds = {
-        task.name: round(timing["seconds"], 3) for task in tasks if (timing := store.timing(task))
-    }
+    timings = {task.name: store.timing(task) for task in tasks}
+
+    def each(quantity: str, digits: int | None = None) -> dict[str, float]:
+        found = {name: timing.get(quantity) for name, timing in timings.items()}
+        return {name: round(value, digits) for name, value in found.items() if value is not None}
+
     write_json(
-        out / "timings.json",
+        out / TIMINGS,
         {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "machine": f"{platform.system()} {platform.machine()}",
             "engine": asdict(config.engine),
-            "seconds": seconds,
+            "workers": workers(config.engine),
+            "seconds": each("seconds", 3),
+            "cpu_seconds": each("cpu_seconds", 3),
+            "peak_memory": each("peak_memory"),
         },
     )
 

@@ -9,7 +9,7 @@ import pytest
 
 from study.artifacts import Store, Task
 from study.execute import Outcome
-from study.scheduler import run_tasks
+from study.scheduler import longest_first, run_tasks
 
 
 class Pretend(Executor):
@@ -93,3 +93,34 @@ def test_a_lost_worker_is_one_failed_task(tmp_path: Path, monkeypatch: pytest.Mo
     errors, ended, _ = go(Store(tmp_path), 1, ends, monkeypatch)
     assert errors == {"alone": "the worker was lost (RuntimeError: killed by signal 9)"}
     assert len(ended) == 6
+
+
+def test_the_longest_way_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = diamond()
+    labels = [task.label for task in longest_first(tasks)]
+    assert labels == ["top", "side 0", "side 1", "side 2", "last", "alone"]
+    started = list[str]()
+    pretend = Pretend(lambda task: Outcome(task, 1.0))
+
+    def wait(futures: Any, return_when: str) -> tuple[set[Any], set[Any]]:
+        pretend.end_one()
+        return {future for future in futures if future.done()}, set()
+
+    monkeypatch.setattr("study.scheduler.wait", wait)
+    run_tasks(
+        [tasks[-1], *tasks[:-1]],
+        Store(tmp_path),
+        pretend,
+        1,
+        1,
+        lambda task: started.append(task.label),
+        lambda _: None,
+    )
+    assert started == ["top", "side 0", "side 1", "alone", "side 2", "last"]
+
+
+def test_what_is_up_to_date_counts_for_nothing() -> None:
+    """Of a long way that has been gone, what is left counts."""
+    _, side, *_, last, alone = diamond()
+    order = longest_first([alone, side, last])
+    assert [task.label for task in order] == ["side 0", "alone", "last"]
