@@ -30,7 +30,7 @@ class Grid:
 
     environments: tuple[str, ...] = ("pusher", "uav")
     levels: tuple[str, ...] = ("low", "high")
-    models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp")
+    models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp", "residual_crps")
     seeds: tuple[int, ...] = setting((0,), low=0)
 
 
@@ -74,11 +74,11 @@ class Ensemble:
 
     members: int = setting(5, low=1)
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(300, low=1)
-    batch_size: int = setting(64, low=1)
+    steps: int = setting(600, low=1)
+    batch_size: int = setting(32, low=1)
     learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
     taught: float = setting(0.4, low=0.0, high=1.0)
-    validate_every: int = setting(50, low=1)
+    validate_every: int = setting(100, low=1)
     patience: int = setting(6, low=1)
 
 

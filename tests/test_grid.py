@@ -9,7 +9,7 @@ from study.grid import Cell, cells, select
 
 def test_the_grid_is_the_product_and_the_references() -> None:
     every = cells(Config(grid=Grid(seeds=(0, 1))))
-    assert len(every) == len(set(every)) == 2 * 2 * 2 * (3 + 2)
+    assert len(every) == len(set(every)) == 2 * 2 * 2 * (4 + 2)
     assert sum(cell.is_reference for cell in every) == 2 * 2 * 2 * 2
 
 
@@ -19,7 +19,7 @@ def test_a_cell_is_its_path() -> None:
 
 @pytest.mark.parametrize(
     ("pattern", "count"),
-    [("pusher/high/*", 5), ("*/residual_vae/*", 4), ("uav", 10), ("uav/low/oracle/seed-0", 1)],
+    [("pusher/high/*", 6), ("*/residual_vae/*", 4), ("uav", 12), ("uav/low/oracle/seed-0", 1)],
 )
 def test_select(pattern: str, count: int) -> None:
     assert len(select(cells(Config()), pattern)) == count
