@@ -25,7 +25,7 @@ import gymnasium
 import numpy as np
 
 from study.config import Config
-from study.data.trajectories import Trajectories
+from study.data.trajectories import Trajectories, joined
 from study.envs import Simulator, gymnasium_id
 from study.envs.gymnasium_env import SimulatorEnv
 from study.envs.simulator import Booleans, Doubles, Floats
@@ -94,7 +94,7 @@ class Export:
         simulator, _ = real_system(self.settings)
         try:
             _make_namespaces(self.folder)
-            trajectories = observe_training(self.settings, progress.part(0.0, 0.7))
+            trajectories = joined(observe_training(self.settings, progress.part(0.0, 0.7)))
             # Minari does not list a folder whose name begins with a dot.
             with tempfile.TemporaryDirectory(prefix=".", dir=self.folder.parent) as place:
                 new = Path(place, self.folder.name)

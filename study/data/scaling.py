@@ -1,5 +1,6 @@
 """Standard units: every learned model works on states and actions of zero mean and unit scale."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,12 +8,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from study.data.moments import moments
 from study.data.trajectories import Trajectories
 
 Floats = NDArray[np.float32]
 
 # A component that does not vary (a constant wind, say) is left in its own units.
 SMALLEST_SCALE = 1e-6
+# Trajectories that are looked at together: bounds the memory.
+PART = 1000
 
 
 @dataclass(frozen=True)
@@ -35,23 +39,30 @@ class Scaling:
     def of(cls, trajectories: Trajectories) -> "Scaling":
         """Measure a training set."""
         states, actions = trajectories.states, trajectories.actions
-        state_scale = _scale(states)
-        changes = np.diff(states, axis=1) / state_scale
-        return cls(_mean(states), state_scale, _mean(actions), _scale(actions), _scale(changes))
+        state_mean, state_scale = _measure(states)
+        action_mean, action_scale = _measure(actions)
+        _, change_scale = _measure(states, lambda part: np.diff(part, axis=1) / state_scale)
+        return cls(state_mean, state_scale, action_mean, action_scale, change_scale)
 
     def standard_states(self, states: Floats) -> Tensor:
         """[..., D] in SI units to standard units."""
-        return torch.from_numpy((states - self.state_mean) / self.state_scale)
+        return _standard(states, self.state_mean, self.state_scale)
 
     def standard_actions(self, actions: Floats) -> Tensor:
         """[..., A] in SI units to standard units."""
-        return torch.from_numpy((actions - self.action_mean) / self.action_scale)
+        return _standard(actions, self.action_mean, self.action_scale)
 
 
-def _mean(values: Floats) -> Floats:
-    return values.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+def _standard(values: Floats, mean: Floats, scale: Floats) -> Tensor:
+    standard = values - mean
+    standard /= scale  # in place: a large set is in memory once
+    return torch.from_numpy(standard)
 
 
-def _scale(values: Floats) -> Floats:
-    scale = values.std(axis=(0, 1), dtype=np.float64)
-    return np.where(scale < SMALLEST_SCALE, 1.0, scale).astype(np.float32)
+def _measure(
+    values: Floats, change: Callable[[Floats], Floats] = lambda part: part
+) -> tuple[Floats, Floats]:
+    """Mean and scale [D] of values [N, T, D], changed if so asked, part by part."""
+    starts = range(0, len(values), PART)
+    mean, scale = moments(lambda: (change(values[start : start + PART]) for start in starts))
+    return mean.astype(np.float32), np.where(scale < SMALLEST_SCALE, 1.0, scale).astype(np.float32)

@@ -1,13 +1,15 @@
 """What is observed: trajectories to learn from, and scenarios with many rollouts to score on."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.data.storage import load_arrays, save_arrays
+from study.data.storage import Arrays, load_arrays, save_arrays, save_parts
 
 Floats = NDArray[np.float32]
 
@@ -50,12 +52,11 @@ class Trajectories:
 
     def save(self, path: Path) -> None:
         """Write to one safetensors file."""
-        names = ("states", "actions", "task", "hidden")
-        save_arrays(path, {name: getattr(self, name) for name in names}, self.facts)
+        save_arrays(path, _arrays(self), self.facts)
 
     @classmethod
     def load(cls, path: Path) -> "Trajectories":
-        """Read what `save` wrote.
+        """Read what `save` or `save_all` wrote; what is not looked at stays in the file.
 
         Raises:
             StudyError: the file is missing, is not whole, or is damaged.
@@ -100,15 +101,41 @@ class ScenarioSet:
 
     def save(self, path: Path) -> None:
         """Write to one safetensors file."""
-        names = ("s0", "actions", "task", "observed", "hidden")
-        save_arrays(path, {name: getattr(self, name) for name in names}, self.facts)
+        save_arrays(path, _arrays(self), self.facts)
 
     @classmethod
     def load(cls, path: Path) -> "ScenarioSet":
-        """Read what `save` wrote.
+        """Read what `save` or `save_all` wrote; what is not looked at stays in the file.
 
         Raises:
             StudyError: the file is missing, is not whole, or is damaged.
         """
         arrays, facts = load_arrays(path)
         return cls(facts=facts, **arrays)
+
+
+Observed = TypeVar("Observed", Trajectories, ScenarioSet)
+
+
+def save_all(path: Path, parts: Iterable[Observed], count: int) -> None:
+    """Write `count` trajectories or scenarios that come part by part: the bytes of `joined` ones.
+
+    No more than one part is in memory.
+    """
+    ahead = iter(parts)
+    first = next(ahead)
+    save_parts(path, map(_arrays, chain([first], ahead)), count, first.facts)
+
+
+def joined(parts: Iterable[Observed]) -> Observed:
+    """All parts in one, in memory."""
+    whole = list(parts)
+    arrays = [_arrays(part) for part in whole]
+    one = {name: np.concatenate([each[name] for each in arrays]) for name in arrays[0]}
+    return type(whole[0])(facts=whole[0].facts, **one)
+
+
+def _arrays(observed: Trajectories | ScenarioSet) -> Arrays:
+    """All but the facts, by name."""
+    names = [field.name for field in fields(observed) if field.name != "facts"]
+    return {name: getattr(observed, name) for name in names}

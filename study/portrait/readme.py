@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from study.config import Collect
-from study.data.trajectories import ScenarioSet
+from study.data.trajectories import ScenarioSet, joined
 from study.envs import Simulator, gymnasium_id, simulators
 from study.files import write_text
 from study.portrait import facts
@@ -89,9 +89,10 @@ def write(collect: Collect, names: Sequence[str], folder: Path, progress: Progre
         part = progress.part(number / len(names), (number + 1) / len(names))
         simulator = simulators[name](horizon=collect.horizon)
         seed = derive(derive(name, collect.seed), "test")
-        observed = observe_scenarios(
+        scenarios = observe_scenarios(
             simulator, collect.scenarios, collect.rollouts, seed, part.part(0.0, 0.8)
         )
+        observed = joined(scenarios)
         part(0.8, f"{name}: pictures")
         written += _pictures(simulator, observed, folder)
         text.append(_section(simulator, facts.facts(simulator, observed), collect.seed))

@@ -6,6 +6,7 @@ Writes ``train.safetensors`` (Trajectories), ``validation.safetensors`` and ``te
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from study import __version__
-from study.data.trajectories import ScenarioSet, Trajectories
+from study.data.moments import moments
+from study.data.storage import load_parts
+from study.data.trajectories import ScenarioSet, Trajectories, save_all
 from study.envs import Simulator, Variable, simulators
 from study.files import write_json
 from study.metrics.mmd import bandwidths
@@ -31,24 +34,16 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     """See the module. Training, validation and test scenarios have seeds of their own."""
     collect, (simulator, seed) = settings["collect"], real_system(settings)
     train = observe_training(settings, progress.part(0.0, 0.5))
-    train.save(out / "train.safetensors")
-    validation = observe_scenarios(
-        simulator,
-        collect["validation"],
-        VALIDATION_ROLLOUTS,
-        derive(seed, "validation"),
-        progress.part(0.5, 0.6),
-    )
-    validation.save(out / "validation.safetensors")
-    observe_scenarios(
-        simulator,
-        collect["scenarios"],
-        collect["rollouts"],
-        derive(seed, "test"),
-        progress.part(0.6, 1.0),
-    ).save(out / "test.safetensors")
+    save_all(out / "train.safetensors", train, collect["trajectories"])
+    for name, count, rollouts, part in (
+        ("validation", collect["validation"], VALIDATION_ROLLOUTS, progress.part(0.5, 0.6)),
+        ("test", collect["scenarios"], collect["rollouts"], progress.part(0.6, 1.0)),
+    ):
+        scenarios = observe_scenarios(simulator, count, rollouts, derive(seed, name), part)
+        save_all(out / f"{name}.safetensors", scenarios, count)
     # The kernel is measured on validation rollouts: the test set serves for nothing but scores.
-    scale = train.states.std(axis=(0, 1), dtype=np.float64)
+    validation = ScenarioSet.load(out / "validation.safetensors")
+    _, scale = moments(lambda: load_parts(out / "train.safetensors", "states", CHUNK))
     bandwidth = bandwidths(validation.observed, scale)
     write_json(
         out / "kernel.json",
@@ -67,8 +62,8 @@ def real_system(settings: dict[str, Any]) -> tuple[Simulator, int]:
     return simulator, derive(environment, collect["seed"])
 
 
-def observe_training(settings: dict[str, Any], progress: Progress) -> Trajectories:
-    """The training trajectories."""
+def observe_training(settings: dict[str, Any], progress: Progress) -> Iterator[Trajectories]:
+    """The training trajectories, some at a time."""
     simulator, seed = real_system(settings)
     count = settings["collect"]["trajectories"]
     return observe_trajectories(simulator, count, derive(seed, "train"), progress)
@@ -76,19 +71,20 @@ def observe_training(settings: dict[str, Any], progress: Progress) -> Trajectori
 
 def observe_trajectories(
     simulator: Simulator, count: int, seed: int, progress: Progress
-) -> Trajectories:
-    """`count` trajectories, each of its own scenario. The first n do not depend on `count`."""
+) -> Iterator[Trajectories]:
+    """`count` trajectories, each of its own scenario, some at a time.
+
+    The first n do not depend on `count`.
+    """
     scenario_seeds, noise_seeds = trajectory_seeds(seed, count)
-    parts = []
+    facts = _facts(simulator, seed)
     for start in range(0, count, CHUNK):
         chunk = slice(start, start + CHUNK)
         scenarios = simulator.draw(scenario_seeds[chunk])
         actions = simulator.plan(scenarios, scenario_seeds[chunk])
         rollout = simulator.rollout(scenarios.s0, actions, noise_seeds[chunk])
-        parts.append((rollout.states, actions, scenarios.task, rollout.hidden))
+        yield Trajectories(rollout.states, actions, scenarios.task, rollout.hidden, facts)
         progress(min(1.0, (start + CHUNK) / count), f"{simulator.name}: training trajectories")
-    states, actions, task, hidden = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return Trajectories(states, actions, task, hidden, _facts(simulator, seed))
 
 
 def trajectory_seeds(seed: int, count: int) -> tuple[Seeds, Seeds]:
@@ -98,17 +94,19 @@ def trajectory_seeds(seed: int, count: int) -> tuple[Seeds, Seeds]:
 
 def observe_scenarios(
     simulator: Simulator, count: int, rollouts: int, seed: int, progress: Progress
-) -> ScenarioSet:
-    """`count` scenarios, each rolled out `rollouts` times with noise of its own."""
+) -> Iterator[ScenarioSet]:
+    """`count` scenarios, each rolled out `rollouts` times with noise of its own; some at a time."""
     scenario_seeds = spawn(derive(seed, "scenario"), count)
     scenarios = simulator.draw(scenario_seeds)
     actions = simulator.plan(scenarios, scenario_seeds)
-    observed, hidden = repeat_rollouts(
+    facts, done = _facts(simulator, seed), 0
+    for observed, hidden in repeat_rollouts(
         simulator, scenarios.s0, actions, rollouts, spawn(seed, count), progress
-    )
-    return ScenarioSet(
-        scenarios.s0, actions, scenarios.task, observed, hidden, _facts(simulator, seed)
-    )
+    ):
+        part = slice(done, done + len(observed))
+        s0, task = scenarios.s0[part], scenarios.task[part]
+        yield ScenarioSet(s0, actions[part], task, observed, hidden, facts)
+        done += len(observed)
 
 
 def repeat_rollouts(
@@ -118,13 +116,14 @@ def repeat_rollouts(
     rollouts: int,
     seeds: np.ndarray,
     progress: Progress,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """States s_1 … s_T [S, K, T, D] and hidden variables [S, K, H] of K rollouts a scenario.
+
+    They come some scenarios at a time.
 
     The noise of rollout k of a scenario depends on that scenario's seed and on k alone.
     """
     at_once = max(1, CHUNK // rollouts)
-    states, hidden = [], []
     for start in range(0, len(s0), at_once):
         chunk = slice(start, start + at_once)
         rollout = simulator.rollout(
@@ -132,14 +131,13 @@ def repeat_rollouts(
             np.repeat(actions[chunk], rollouts, axis=0),
             np.concatenate([spawn(int(seed), rollouts) for seed in seeds[chunk]]),
         )
-        states.append(rollout.states[:, 1:])
-        hidden.append(rollout.hidden)
+        states = rollout.states[:, 1:]
+        shape = (len(states) // rollouts, rollouts)
+        yield (
+            states.reshape(*shape, *states.shape[1:]),
+            rollout.hidden.reshape(*shape, *rollout.hidden.shape[1:]),
+        )
         progress(min(1.0, (start + at_once) / len(s0)), f"{simulator.name}: repeated rollouts")
-    shape = (len(s0), rollouts)
-    return (
-        np.concatenate(states).reshape(*shape, *states[0].shape[1:]),
-        np.concatenate(hidden).reshape(*shape, *hidden[0].shape[1:]),
-    )
 
 
 def read_kernel(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ training trajectories, [N, M, T, D]: the residuals of every cell are made from t
 """
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import torch
 
 from study.data.module import TrajectoryModule
 from study.data.scaling import Scaling
-from study.data.storage import load_arrays, save_arrays
+from study.data.storage import load_arrays, save_parts
 from study.data.trajectories import Floats, ScenarioSet, Trajectories
 from study.models.ensemble import Ensemble
 from study.progress import Progress
@@ -63,8 +64,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
         )
     save_model(model, "ensemble", out / "ensemble.safetensors")
     progress(0.95, "forecasts of the training trajectories")
-    members = forecast_members(model, training.states[:, 0], training.actions)
-    save_arrays(out / "members.safetensors", {"members": members})
+    parts = members_in_parts(model, training.states[:, 0], training.actions)
+    save_parts(out / "members.safetensors", ({"members": part} for part in parts), len(training))
 
 
 def training_data(
@@ -77,15 +78,18 @@ def training_data(
     return training, validation, Scaling.of(training)
 
 
-@torch.no_grad()
 def forecast_members(model: Ensemble, s0: Floats, actions: Floats) -> Floats:
     """ŷ_m of all members [N, M, T, D] in SI units, from [N, D] and [N, T, A] in SI units."""
-    parts = []
+    return np.concatenate(list(members_in_parts(model, s0, actions)))
+
+
+@torch.no_grad()
+def members_in_parts(model: Ensemble, s0: Floats, actions: Floats) -> Iterator[Floats]:
+    """As `forecast_members`, some trajectories at a time."""
     for start in range(0, len(s0), CHUNK):
         chunk = slice(start, start + CHUNK)
         standard = model.standard(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
-        parts.append((model(*standard) * model.state_scale + model.state_mean).cpu().numpy())
-    return np.concatenate(parts)
+        yield (model(*standard) * model.state_scale + model.state_mean).cpu().numpy()
 
 
 def load_ensemble(folder: Path) -> Ensemble:

@@ -40,8 +40,8 @@ class Oracle:
 
     def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
         """See `Forecaster.forecast`."""
-        states, _ = repeat_rollouts(self.simulator, s0, actions, samples, seeds, Progress())
-        return np.asarray(states)
+        parts = repeat_rollouts(self.simulator, s0, actions, samples, seeds, Progress())
+        return np.concatenate([states for states, _ in parts])
 
 
 def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.data.trajectories import ScenarioSet
+from study.data.trajectories import ScenarioSet, joined
 from study.envs import simulator as simulator_module
 from study.envs import simulators
 from study.portrait.facts import facts, rows
@@ -21,7 +21,7 @@ PAGE = Path(simulator_module.__file__).with_name("README.md")
 
 
 def cart(scenarios: int = 20, rollouts: int = 30) -> ScenarioSet:
-    return observe_scenarios(Cart(), scenarios, rollouts, 3, Progress())
+    return joined(observe_scenarios(Cart(), scenarios, rollouts, 3, Progress()))
 
 
 def test_facts_are_what_they_say() -> None:
@@ -43,7 +43,7 @@ def test_facts_are_what_they_say() -> None:
 
 def test_events_are_counted_over_rollouts_and_scenarios() -> None:
     simulator = simulators["pusher"](horizon=70)
-    observed = observe_scenarios(simulator, 6, 5, 1, Progress())
+    observed = joined(observe_scenarios(simulator, 6, 5, 1, Progress()))
     measured = {event.name: event for event in facts(simulator, observed).events}
     moved = (observed.observed[..., 10:12] != 0).any(axis=(-1, -2))
     missed = measured["the ball is missed"]
@@ -75,7 +75,7 @@ def test_the_committed_page_is_of_this_code(name: str) -> None:
     section = text[text.index(f"## {cls.title}:") :].split("\n## ")[0]
     rollouts = 16
     seed = derive(derive(name, 0), "test")
-    observed = observe_scenarios(cls(threads=2), 250, rollouts, seed, Progress())
+    observed = joined(observe_scenarios(cls(threads=2), 250, rollouts, seed, Progress()))
     measured = facts(cls(), observed)
     assert "not Gaussian" in section
     written = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", section, re.MULTILINE))
