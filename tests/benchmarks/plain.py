@@ -77,8 +77,9 @@ class PlainCvae(nn.Module):
 
     def __init__(self, cvae: RecurrentCvae) -> None:
         super().__init__()
-        self.increments, self.sees_target = cvae.increments, cvae.sees_target
-        self.register_buffer("output_scale", cvae.output_scale)
+        own = cvae.decode
+        self.increments, self.sees_target = own.increments, cvae.sees_target
+        self.register_buffer("output_scale", own.output_scale)
         self.encoder = _gru(
             cvae.encoder_driven.weight,
             cvae.encoder_recurrent.weight,
@@ -86,12 +87,12 @@ class PlainCvae(nn.Module):
             cvae.encoder_recurrent.bias,
         )
         self.decoder = _cell(
-            torch.cat([cvae.driven.weight, cvae.feed.weight], -1),
-            cvae.recurrent.weight,
-            cvae.driven.bias,
-            cvae.recurrent.bias,
+            torch.cat([own.driven.weight, own.feed.weight], -1),
+            own.recurrent.weight,
+            own.driven.bias,
+            own.recurrent.bias,
         )
-        self.posterior, self.start, self.out = cvae.posterior, cvae.start, cvae.out
+        self.posterior, self.start, self.out = cvae.posterior, own.start, own.out
         self.log_scale = cvae.log_scale
 
     loss = RecurrentCvae.loss

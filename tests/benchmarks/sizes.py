@@ -7,7 +7,7 @@ import torch
 
 from study.config import Config, Ensemble, Mlp, Vae
 from study.data.scaling import Scaling
-from study.data.trajectories import Trajectories
+from study.data.trajectories import Trajectories, joined
 from study.envs import simulators
 from study.models import Model
 from study.progress import Progress
@@ -27,7 +27,7 @@ SIZES = {
 def observe(environment: str, count: int, horizon: int | None = None) -> Trajectories:
     """Trajectories of an environment."""
     simulator = simulators[environment](horizon=horizon)
-    return observe_trajectories(simulator, count, 0, Progress())
+    return joined(observe_trajectories(simulator, count, 0, Progress()))
 
 
 def built(name: str, config: Config, data: Trajectories) -> Model:
