@@ -41,8 +41,8 @@ def contenders(
     few = slice(SIMULATED)
     found: dict[str, tuple[Callable[[], object], int]] = {
         "simulator": (
-            lambda: repeat_rollouts(
-                simulator, s0[few], actions[few], SAMPLES, seeds[few], Progress()
+            lambda: list(
+                repeat_rollouts(simulator, s0[few], actions[few], SAMPLES, seeds[few], Progress())
             ),
             SIMULATED * SAMPLES * data.horizon,
         )
