@@ -103,16 +103,15 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
                 design[container]["ContainerBlueprint"]["active_tab"] = tab
             if tabs:
                 _ask(lambda: client.set_blueprint(design, "recording"))
-                _settle(client)
             whole = out_dir / f"{path.stem}-page-{page + 1:02d}.png"
+            whole.write_bytes(_settled(client))
+            pages.append(whole)
             for view in shown:
                 name = _free(names[_view_id(view)], views)
                 file = out_dir / f"{path.stem}-{len(views) + 1:03d}-{_slug(name)}.png"
                 identity = view.removeprefix("/view/")
                 file.write_bytes(_ask(partial(client.take_screenshot, identity)))
                 views[name] = file
-            whole.write_bytes(_ask(client.take_screenshot))
-            pages.append(whole)
             problems += [
                 f"{view.name}: {report.summary}"
                 for view in _ask(client.get_state).views
@@ -201,14 +200,17 @@ def _wait(question: Callable[[], T], done: Callable[[T], bool]) -> T:
     return answer
 
 
-def _settle(client: ViewerClient) -> None:
-    """Wait until two pictures of the window are the same: a new tab's plots begin empty."""
-    last = b""
-    for _ in range(10):
-        picture = _ask(client.take_screenshot)
+def _settled(client: ViewerClient) -> bytes:
+    """The window, once two pictures of it are the same: plots of a new tab are drawn a frame late.
+
+    Of a window that never comes to rest, the tenth picture.
+    """
+    picture = _ask(client.take_screenshot)
+    for _ in range(9):
+        last, picture = picture, _ask(client.take_screenshot)
         if picture == last:
-            return
-        last = picture
+            break
+    return picture
 
 
 def _pages(design: dict[str, Any]) -> list[tuple[dict[str, str], list[str]]]:

@@ -52,7 +52,9 @@ def _training(path: Path) -> None:
 
 
 KINDS: dict[str, Callable[[Path], None]] = {
-    "data": lambda path: record_data(path, toy.Puck(), test_data.trajectories(), toy.PROPERTIES),
+    "data": lambda path: record_data(
+        path, toy.Puck(), test_data.trajectories()[:2], toy.PROPERTIES
+    ),
     "training": _training,
     "tuning": lambda path: record_tuning(path, toy.trials(), toy.PROPERTIES),
     "scores": lambda path: record_scores(path, toy.scores(), toy.PROPERTIES),
