@@ -166,22 +166,32 @@ def forecast(
     return blueprint("horizon", rrb.Tabs(*tabs, readme()), playing=True)
 
 
-def scores(curves: Mapping[str, Sequence[str]], reliability: bool) -> rrb.Blueprint:
+def scores(pages: Mapping[str, Mapping[str, Sequence[str]]], reliability: bool) -> rrb.Blueprint:
     """Scores: the metrics over the horizon, overall and by dimension, and the reliability diagram.
 
     Args:
-        curves: the entities of each view, by its title.
-        reliability: whether there is a reliability diagram.
+        pages: the entities of each view, by its title, by the page that it is on.
+        reliability: whether there is a reliability diagram; it stands on the first page.
     """
-    views: list[rrb.View] = [
-        plot(title, [f"{entity}/**" for entity in entities]) for title, entities in curves.items()
-    ]
-    if reliability:
-        views.append(chart("Reliability: probability of success", "/chart/reliability"))
-    if not views:
+    tabs: list[rrb.Container] = []
+    for title, curves in pages.items():
+        views = [_of_scores(name, entities) for name, entities in curves.items()]
+        if reliability and not tabs:
+            views.append(chart("Reliability: probability of success", "/chart/reliability"))
+        tabs.append(rrb.Grid(*views, grid_columns=min(2, len(views)), name=title))
+    if not tabs:
         return blueprint("horizon", readme())
-    grid = rrb.Grid(*views, grid_columns=1 if len(views) == 1 else 2)
-    return blueprint("horizon", rrb.Horizontal(readme(), grid, column_shares=[1, 3]))
+    shown = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
+    return blueprint("horizon", rrb.Horizontal(readme(), shown, column_shares=[1, 3]))
+
+
+def _of_scores(name: str, entities: Sequence[str]) -> rrb.View:
+    """Ratios, of which 1 is right, keep to a range that shows it: first steps can be far off."""
+    contents = [f"{entity}/**" for entity in entities]
+    span = (0.0, 4.0) if "ratio" in name else None
+    # One curve is what the title says, and many are told apart by pointing at them.
+    legend = rrb.Corner2D.RightTop if 2 < len(entities) <= 8 else None
+    return plot(name, contents, span=span, legend=legend)
 
 
 def _pages(

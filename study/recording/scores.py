@@ -42,6 +42,8 @@ _COVERAGES = ("coverage_50", "coverage_80", "coverage_90")
 _RATIOS = ("variance_ratio", "aleatoric_ratio")
 # Of these the table names outcomes in place of dimensions.
 _OF_OUTCOMES = ("brier", "forecast_probability", "observed_probability")
+_OVERVIEW = "Overview"
+_PAGES = dict.fromkeys(_RATIOS, "Variances") | {"mmd2_joint": "By dimension"}
 _README = """
 # Scores
 
@@ -82,7 +84,7 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
     overall = overall[~overall["metric"].str.startswith("pit_")]
     reliable = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
 
-    design = blueprints.scores(_curves(stepwise), reliable)
+    design = blueprints.scores(_pages(stepwise), reliable)
     # Hundreds of small entities: an index of them would be larger than what it points to.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _overall_table(overall), properties)
@@ -111,23 +113,27 @@ def reliability(
     return promised, came_true
 
 
-def _curves(stepwise: pd.DataFrame) -> dict[str, list[str]]:
-    """Views, by title: each metric averaged over dimensions, and by dimension."""
-    views: dict[str, list[str]] = {}
+def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
+    """Views, by title and page: each metric averaged over dimensions, and by dimension."""
+    pages: dict[str, dict[str, list[str]]] = {}
     for metric, rows in stepwise.groupby("metric", sort=False):
         if metric in _COVERAGES:
             entities = [f"{entity_path(str(metric))}/{name}" for name in ("all", "reference")]
-            views.setdefault("Coverage of central intervals", []).extend(entities)
+            overview = pages.setdefault(_OVERVIEW, {})
+            overview.setdefault("Coverage of central intervals", []).extend(entities)
             continue
         title = _TITLES.get(str(metric), str(metric).replace("_", " "))
         folder = entity_path(str(metric))
         dimensions = [d for d in rows["dimension"].unique() if d != "all"]
         if "all" in set(rows["dimension"]):
-            views[f"{title}, all dimensions"] = [f"{folder}/all", f"{folder}/reference"]
+            page = pages.setdefault(_PAGES.get(str(metric), _OVERVIEW), {})
+            page[f"{title}, all dimensions"] = [f"{folder}/all", f"{folder}/reference"]
         if dimensions:
+            page = pages.setdefault(_PAGES.get(str(metric), "By dimension"), {})
             listed = [entity_path(str(metric), str(d)) for d in dimensions]
-            views[f"{title} of each dimension"] = [*listed, f"{folder}/reference"]
-    return views
+            page[f"{title} of each dimension"] = [*listed, f"{folder}/reference"]
+    order = (_OVERVIEW, "By dimension", "Variances")
+    return {name: pages[name] for name in order if name in pages}
 
 
 def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> None:
