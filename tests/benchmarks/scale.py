@@ -13,154 +13,82 @@ does besides.
 
 import argparse
 import multiprocessing
-import resource
-import tempfile
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
-from unittest import mock
+from time import perf_counter
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from study.config import Config
-from study.envs import Rollout
-from study.envs.pusher import Pusher
-from study.progress import Progress
-from study.seeds import spawn
-from study.stages import collect
-from tests.benchmarks.sizes import built, observe
+from tests.benchmarks.costs import Cost, collection, forecasting, training
 from tests.benchmarks.timing import as_a_worker
-from tests.benchmarks.training import BATCH, batch_for, step_of
 
-SCENARIOS = 16
-"""Whose forecasts are timed."""
-STEPS = 3
-"""Of training, the first not counted."""
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Of one point: seconds of the processor, seconds on the clock, and bytes at the peak."""
-
-    processor: float
-    clock: float
-    memory: float
-
-
-def cost_of(work: Callable[[], object]) -> Cost:
-    """Do it once."""
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    clock, processor = time.perf_counter(), time.process_time()
-    work()
-    processor, clock = time.process_time() - processor, time.perf_counter() - clock
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return Cost(processor, clock, 1024.0 * (after - before))
-
-
-def collection(count: int, physics: bool) -> Cost:
-    """Stage collect, with two scenarios each to validate and to test on."""
-    sizes = {"trajectories": count, "validation": 2, "scenarios": 2, "rollouts": 2}
-    settings = {"environment": "pusher", "collect": sizes | {"horizon": None, "seed": 0}}
-
-    def constant_plan(self: Pusher, scenarios: Any, seeds: Any) -> Any:
-        return np.full((len(seeds), self.horizon, len(self.action)), 0.5, np.float32)
-
-    def constant_rollout(self: Pusher, s0: Any, actions: Any, seeds: Any = None) -> Rollout:
-        shape = (len(s0), self.horizon + 1, len(self.state))
-        states = np.full(shape, 0.5, np.float32) + s0[:, None]
-        return Rollout(states, np.zeros((len(s0), len(self.hidden)), np.float32))
-
-    def work() -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            collect.run(settings, {}, Path(folder), Progress())
-
-    if physics:
-        return cost_of(work)
-    with mock.patch.multiple(Pusher, plan=constant_plan, rollout=constant_rollout):
-        return cost_of(work)
-
-
-def training(name: str, config: Config, horizon: int | None = None) -> Cost:
-    """One step on one batch."""
-    data = observe("pusher", BATCH, horizon)
-    model = built(name, config, data)
-    step = step_of(model, batch_for(name, config, model, data))
-    costs = [cost_of(step) for _ in range(STEPS)]
-    return Cost(
-        float(np.median([cost.processor for cost in costs[1:]])),
-        float(np.median([cost.clock for cost in costs[1:]])),
-        max(cost.memory for cost in costs),
-    )
-
-
-def forecasting(name: str, config: Config, samples: int, horizon: int | None = None) -> Cost:
-    """Forecasts of `SCENARIOS` scenarios."""
-    data = observe("pusher", SCENARIOS, horizon)
-    model = built(name, config, data).eval()
-    s0, actions, seeds = data.states[:, 0], data.actions, spawn(0, len(data))
-    model.forecast(s0[:1], actions[:1], 2, seeds[:1])
-    return cost_of(lambda: model.forecast(s0, actions, samples, seeds))
-
-
-Given = Callable[[int], tuple[Any, ...]]
+SAMPLES = 40
 
 
 @dataclass(frozen=True)
 class Line:
-    """A cost as one size grows: `measure` takes it."""
+    """A cost as one size grows; `measure` takes the size, and runs in a process of its own."""
 
     panel: str
     label: str
     sizes: tuple[int, ...]
-    measure: Callable[..., Cost]
-    given: Given
+    measure: Callable[[int], Cost]
 
 
-def lines() -> Iterator[Line]:
-    """What is measured."""
-    base, samples = Config(), 40
-
-    def wide(size: int) -> Config:
-        return replace(
+def sized(setting: str, size: int) -> tuple[Config, int, int | None]:
+    """The quick configuration, samples of a forecast and horizon, one of them another."""
+    base, samples, horizon = Config(), SAMPLES, None
+    if setting == "hidden size":
+        base = replace(
             base,
             vae=replace(base.vae, hidden_size=size),
             mlp=replace(base.mlp, hidden_size=size),
             ensemble=replace(base.ensemble, hidden_size=size),
         )
+    elif setting == "members":
+        base = replace(base, ensemble=replace(base.ensemble, members=size))
+    elif setting == "samples":
+        samples = size
+    else:
+        horizon = size
+    return base, samples, horizon
 
-    def of_members(size: int) -> Config:
-        return replace(base, ensemble=replace(base.ensemble, members=size))
 
-    # Arguments of `training` and of `forecasting`, by what grows.
-    def steps_of(name: str) -> tuple[Given, Given]:
-        return lambda n: (name, base, n), lambda n: (name, wide(n))
+def step(name: str, setting: str, size: int) -> Cost:
+    """Of a step of training."""
+    config, _, horizon = sized(setting, size)
+    return training(name, config, horizon)
 
-    def forecasts_of(name: str) -> tuple[Given, Given]:
-        return lambda n: (name, base, samples, n), lambda n: (name, wide(n), samples)
 
-    yield Line("trajectories", "collect", (500, 1000, 2000), collection, lambda n: (n, True))
+def forecast(name: str, setting: str, size: int) -> Cost:
+    """Of forecasts of all scenarios."""
+    config, samples, horizon = sized(setting, size)
+    return forecasting(name, config, samples, horizon)
+
+
+def lines() -> Iterator[Line]:
+    """What is measured."""
+    simulated, made_up = partial(collection, physics=True), partial(collection, physics=False)
+    yield Line("trajectories", "collect", (500, 1000, 2000), simulated)
     far = (1000, 3000, 10_000, 30_000, 100_000)
-    yield Line("trajectories", "collect, no physics", far, collection, lambda n: (n, False))
-    long, width = (30, 60, 120, 240, 480), (32, 64, 128, 256)
+    yield Line("trajectories", "collect, no physics", far, made_up)
+    growing = {"horizon": (30, 60, 120, 240, 480), "hidden size": (32, 64, 128, 256)}
     for name in ("full_vae", "probabilistic_mlp"):
-        longer, wider = steps_of(name)
-        yield Line("horizon", f"{name}, step", long, training, longer)
-        yield Line("hidden size", f"{name}, step", width, training, wider)
-        longer, wider = forecasts_of(name)
-        yield Line("horizon", f"{name}, forecast", long, forecasting, longer)
-        yield Line("hidden size", f"{name}, forecast", width, forecasting, wider)
-    few = (1, 2, 5, 10)
-    yield Line("members", "ensemble, step", few, training, lambda n: ("ensemble", of_members(n)))
-    name = "residual_vae"
-    label = "residual_vae, forecast"
-    yield Line("members", label, few, forecasting, lambda n: (name, of_members(n), samples))
+        for setting, sizes in growing.items():
+            yield Line(setting, f"{name}, step", sizes, partial(step, name, setting))
+            yield Line(setting, f"{name}, forecast", sizes, partial(forecast, name, setting))
+    few, name = (1, 2, 5, 10), "residual_vae"
+    yield Line("members", "ensemble, step", few, partial(step, "ensemble", "members"))
+    yield Line("members", f"{name}, forecast", few, partial(forecast, name, "members"))
     many = (10, 30, 100, 300, 1000, 2000)
-    yield Line("samples", label, many, forecasting, lambda n: (name, base, n))
+    yield Line("samples", f"{name}, forecast", many, partial(forecast, name, "samples"))
 
 
 def measured(line: Line, executor: Callable[[], ProcessPoolExecutor]) -> list[Cost]:
@@ -168,7 +96,7 @@ def measured(line: Line, executor: Callable[[], ProcessPoolExecutor]) -> list[Co
     costs = []
     for size in line.sizes:
         with executor() as pool:
-            future: Future[Cost] = pool.submit(line.measure, *line.given(size))
+            future: Future[Cost] = pool.submit(line.measure, size)
             costs.append(future.result())
     return costs
 
@@ -176,54 +104,51 @@ def measured(line: Line, executor: Callable[[], ProcessPoolExecutor]) -> list[Co
 def side_by_side(workers: int, executor: Callable[..., ProcessPoolExecutor]) -> float:
     """Seconds on the clock for four times the same forecasts."""
     with executor(workers) as pool:
-        for warm in [pool.submit(int) for _ in range(workers)]:
-            warm.result()
-        start = time.perf_counter()
-        tasks = [pool.submit(forecasting, "full_vae", Config(), 300) for _ in range(4)]
-        for task in tasks:
+        # A process each, begun before the clock starts.
+        for begun in [pool.submit(forecast, "full_vae", "samples", 2) for _ in range(workers)]:
+            begun.result()
+        start = perf_counter()
+        for task in [pool.submit(forecast, "full_vae", "samples", 300) for _ in range(4)]:
             task.result()
-        return time.perf_counter() - start
+        return perf_counter() - start
 
 
 def slope(sizes: tuple[int, ...], values: list[float]) -> float:
     """Exponent p of value ~ size^p, over the upper half of the sizes."""
-    upper = slice(len(sizes) // 2, None) if len(sizes) > 2 else slice(None)
-    if len(sizes[upper]) < 2:
-        upper = slice(-2, None)
+    upper = slice((len(sizes) - 1) // 2, None)
     return float(np.polyfit(np.log(sizes[upper]), np.log(values[upper]), 1)[0])
 
 
 def draw(results: list[tuple[Line, list[Cost]]], workers: dict[int, float], to: Path) -> None:
     """One figure: seconds above, memory below."""
     panels = list(dict.fromkeys(line.panel for line, _ in results))
-    figure = Figure(figsize=(3.0 * (len(panels) + 1), 5.2), layout="constrained")
-    axes = figure.subplots(2, len(panels) + 1)
-    for column, panel in enumerate(panels):
-        seconds, memory = axes[:, column]
-        for line, costs in results:
-            if line.panel == panel:
-                label = line.label.replace("_", " ")
-                seconds.plot(line.sizes, [c.processor for c in costs], "o-", ms=3, label=label)
-                memory.plot(line.sizes, [c.memory / 1e6 for c in costs], "o-", ms=3)
+    figure = Figure(figsize=(2.6 * len(panels), 5.0), layout="constrained")
+    axes = figure.subplots(2, len(panels))
+    for (seconds, memory), panel in zip(axes.T, panels, strict=True):
+        shown = [(line, costs) for line, costs in results if line.panel == panel]
+        for line, costs in shown:
+            label = line.label.replace("_", " ")
+            seconds.plot(line.sizes, [c.processor for c in costs], "o-", ms=3, label=label)
+            memory.plot(line.sizes, [c.memory / 1e6 for c in costs], "o-", ms=3)
         seconds.legend(fontsize=6, frameon=False)
         for axis in (seconds, memory):
-            _logarithmic(axis, panel)
-    _logarithmic(axes[0, -1], "workers")
-    axes[0, -1].plot(list(workers), list(workers.values()), "o-", ms=3)
-    axes[0, -1].set_xticks(list(workers), [str(n) for n in workers], minor=False)
-    axes[0, -1].set_title("seconds by the clock", fontsize=7)
-    axes[1, -1].axis("off")
-    axes[0, 0].set_ylabel("processor seconds")
-    axes[1, 0].set_ylabel("peak memory, MB")
+            _logarithmic(axis, panel, sorted({size for line, _ in shown for size in line.sizes}))
+    axes[0, 0].set_ylabel("processor seconds", fontsize=8)
+    axes[1, 0].set_ylabel("peak memory, MB", fontsize=8)
+    told = ", ".join(f"{seconds:.1f} s with {count}" for count, seconds in workers.items())
+    figure.suptitle(f"Cost against work, quick size; workers, by the clock: {told}", fontsize=8)
     figure.savefig(to, dpi=90)
 
 
-def _logarithmic(axis: Axes, label: str) -> None:
+def _logarithmic(axis: Axes, label: str, sizes: list[int]) -> None:
     axis.set_xscale("log")
     axis.set_yscale("log")
+    told = [f"{size // 1000}k" if size >= 1000 else str(size) for size in sizes]
+    axis.set_xticks(sizes, told, fontsize=6)
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.tick_params(labelsize=6, which="both")
     axis.set_xlabel(label, fontsize=8)
-    axis.tick_params(labelsize=7)
-    axis.grid(alpha=0.3, which="both", lw=0.4)
+    axis.grid(alpha=0.3, lw=0.4)
 
 
 def main() -> None:
@@ -234,7 +159,7 @@ def main() -> None:
     as_a_worker()
     # Processes are forked from one that has everything imported, and has done nothing else.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.benchmarks.scale"])
+    context.set_forkserver_preload(["tests.benchmarks.costs"])
 
     def executor(workers: int = 1) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(workers, mp_context=context)
