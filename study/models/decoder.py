@@ -69,6 +69,6 @@ class RecurrentDecoder(nn.Module):
         keep = float(self.increments)
         if truth is None:
             drift = drift + offset
-            return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)[1]
+            return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)
         hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
         return keep * truth + hiddens @ out + offset + drift

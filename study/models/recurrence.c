@@ -122,8 +122,8 @@ static float *zeros(long count)
    enter [M, C + D, 3H] (of the inputs, then of the state), weight [M, H, 3H],
    bias [M, 2, 3H] (of the inputs, of the hidden state), out [M, H, D].
 
-   Writes hiddens [M, B, T + 1, H] and states [M, B, T + 1, D] and, where not null, what the
-   derivative needs: seen [M, B, T + 1, C + D + 1], that is the inputs, the state and a 1, and gates
+   Writes states [M, B, T + 1, D] and, where not null, hiddens [M, B, T + 1, H] and what the
+   derivative needs besides: seen [M, B, T + 1, C + D + 1], that is the inputs, the state and a 1, and gates
    [M, B, T, 4H], that is r, u, n and g_n. (Step T of `seen` is left at zero.) */
 void forward(
     long first, long last, long batch, long steps, long C, long D, long H, float keep,
@@ -158,7 +158,8 @@ void forward(
             const long r = m * batch + row + i;
             memcpy(h + i * HH, hidden + r * H, H * sizeof(float));
             memcpy(s + i * DD, state + r * D, D * sizeof(float));
-            memcpy(hiddens + r * (steps + 1) * H, hidden + r * H, H * sizeof(float));
+            if (hiddens)
+                memcpy(hiddens + r * (steps + 1) * H, hidden + r * H, H * sizeof(float));
             memcpy(states + r * (steps + 1) * D, state + r * D, D * sizeof(float));
             if (seen)
                 memset(seen + (r * (steps + 1) + steps) * (X + 1), 0, (X + 1) * sizeof(float));
@@ -189,7 +190,8 @@ void forward(
                     *n = hyperbolic_tangent(*n + reset * *(vec *)(own + both + HH + j));
                     *old = *n + update * (*old - *n);
                 }
-                memcpy(hiddens + (r * (steps + 1) + t + 1) * H, mine, H * sizeof(float));
+                if (hiddens)
+                    memcpy(hiddens + (r * (steps + 1) + t + 1) * H, mine, H * sizeof(float));
                 if (gates) {
                     float *kept = gates + (r * steps + t) * 4 * H;
                     memcpy(kept, own, 2 * H * sizeof(float));

@@ -23,8 +23,8 @@ def feedback_gru(
     bias: Tensor,
     out: Tensor,
     keep: float,
-) -> tuple[Tensor, Tensor]:
-    """h_1 … h_T and s_1 … s_T of a GRU whose output state is fed back.
+) -> Tensor:
+    """s_1 … s_T of a GRU whose output state is fed back.
 
         x = [i_t, s_t] enter + bias_0,   g = h_t weight + bias_1
         r, u = σ(x + g),   n = tanh(x + r · g),   h_{t+1} = (1 − u) n + u h_t
@@ -45,20 +45,26 @@ def feedback_gru(
         keep: 1 where the unit gives the state's change, 0 where it gives the state.
 
     Returns:
-        hidden states [..., B, T, H] and states [..., B, T, D].
+        [..., B, T, D]
     """
-    arguments = (inputs, drift, hidden, state, enter, weight, bias, out)
-    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in arguments)
-    if alike and native.library() is not None:
-        hiddens, states = _Compiled.apply(*arguments, keep)
-        return hiddens, states
-    return plain(*arguments, keep)
+    return _either(inputs, drift, hidden, state, enter, weight, bias, out, keep)[1]
 
 
 def gru(inputs: Tensor, hidden: Tensor, enter: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """h_1 … h_T [..., B, T, H] of the same unit without a state: see `feedback_gru`."""
     drift, state, out = (each[..., :0] for each in (inputs, hidden, weight))
-    return feedback_gru(inputs, drift, hidden, state, enter, weight, bias, out, 0.0)[0]
+    return _either(inputs, drift, hidden, state, enter, weight, bias, out, 0.0)[0]
+
+
+def _either(*given: Any) -> tuple[Tensor, Tensor]:
+    """Hidden states and states, compiled or not; compiled, only what the caller needs."""
+    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in given[:-1])
+    if alike and native.library() is not None:
+        # Inside, autograd says of each argument whether it has a derivative, but not whether
+        # one is wanted: without, what it takes is neither computed nor kept.
+        hiddens, states = _Compiled.apply(*given, torch.is_grad_enabled())
+        return hiddens, states
+    return plain(*given)
 
 
 def plain(
@@ -96,7 +102,7 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
-        *given, keep = arguments
+        *given, keep, derive = arguments
         library = native.library()
         assert library is not None
         tensors = tuple(tensor.contiguous() for tensor in given)
@@ -106,9 +112,12 @@ class _Compiled(torch.autograd.Function):
         sizes = (batch, steps, width, drift.shape[-1], size)
         ctx.count = members[0] if members else 1
         rows = (*members, batch, steps + 1)
-        hiddens, states = inputs.new_empty(*rows, size), inputs.new_empty(*rows, drift.shape[-1])
-        seen = gates = None
-        if any(ctx.needs_input_grad):
+        states = inputs.new_empty(*rows, drift.shape[-1])
+        hiddens = seen = gates = None
+        derive = derive and any(ctx.needs_input_grad)
+        if derive or not drift.shape[-1]:  # without a state the hidden ones are what is wanted
+            hiddens = inputs.new_empty(*rows, size)
+        if derive:
             seen = inputs.new_empty(*rows, enter.shape[-2] + 1)
             gates = inputs.new_empty(*members, batch, steps, 4 * size)
             ctx.save_for_backward(enter, weight, out, hiddens, gates, seen)
@@ -116,7 +125,8 @@ class _Compiled(torch.autograd.Function):
         native.call(library.forward, ctx.count, sizes, keep, arrays)
         ctx.sizes, ctx.keep = sizes, keep
         ctx.set_materialize_grads(False)
-        return hiddens[..., 1:, :], states[..., 1:, :]
+        nothing = states[..., :0]
+        return (nothing if hiddens is None else hiddens)[..., 1:, :], states[..., 1:, :]
 
     @staticmethod
     def backward(ctx: Any, *given: Tensor | None) -> tuple[Tensor | None, ...]:
@@ -152,5 +162,6 @@ class _Compiled(torch.autograd.Function):
             of_weight,
             of_bias,
             (by_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the other way round is slower
+            None,
             None,
         )
