@@ -202,7 +202,7 @@ class Evaluate:
 
     samples: int = setting(40, low=2)
     bandwidth: float = setting(1.0, low=1e-3, high=1e3)
-    picks: int = setting(8, low=1)
+    picks: int = setting(7, low=1)
 
 
 @dataclass(frozen=True)
