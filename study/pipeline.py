@@ -24,7 +24,7 @@ STAGE_VERSIONS = {
     "tune": 2,
     "train": 2,
     "evaluate": 2,
-    "record": 6,
+    "record": 7,
     "record_data": 4,
 }
 

@@ -17,7 +17,7 @@ LEVELS = (0.05, 0.25, 0.50, 0.75, 0.95)
 NAMES = [f"{source} {level:.0%}" for source in ("observed", "forecast") for level in LEVELS]
 # Of a longer horizon every second step (or third …) is recorded, to the last: bands are smooth, and
 # half of what a recording of forecasts takes.
-_STEPS = 80
+_STEPS = 40
 _WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
 _ALPHAS = (150, 200, 255, 200, 150)
 
