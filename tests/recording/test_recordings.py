@@ -150,9 +150,9 @@ def test_bands_of_a_long_horizon_are_thinned_to_its_end(tmp_path: Path) -> None:
     pick = toy.picks(toy.Puck(horizon=120), 1)[0]
     record_forecast(tmp_path / "f.rrd", toy.Puck(horizon=120), [pick], {})
     frame = reading.scalars(tmp_path / "f.rrd", "/median/state/x")
-    assert list(frame.index) == list(range(2, 121, 2))
+    assert list(frame.index) == list(range(3, 121, 3))
     expected = np.median(pick.observed[..., 0].astype(float), axis=0)
-    np.testing.assert_allclose(frame["observed 50%"], expected[1::2], rtol=1e-12)
+    np.testing.assert_allclose(frame["observed 50%"], expected[2::3], rtol=1e-12)
 
 
 def test_an_axis_is_fixed_only_where_the_viewer_would_choose_another() -> None:
