@@ -24,8 +24,8 @@ STAGE_VERSIONS = {
     "tune": 2,
     "train": 2,
     "evaluate": 2,
-    "record": 6,
-    "record_data": 3,
+    "record": 7,
+    "record_data": 4,
 }
 
 

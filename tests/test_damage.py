@@ -30,6 +30,7 @@ def _truncate(path: Path) -> None:
         ("work/tune/*/manifest.json", _truncate),
         ("work/ensemble/*/ensemble.safetensors", _flip),
         ("work/ensemble/*/training.rrd", Path.unlink),
+        ("work/record_data/*/data.rrd", _flip),
     ],
 )
 def test_an_artifact(
@@ -59,6 +60,7 @@ def test_an_artifact(
         ("figures/mmd_cart.png", _truncate),
         ("recordings/cart/low/full_vae/seed-0/forecast.rrd", _flip),
         ("recordings/cart/low/full_vae/seed-0/tuning.rrd.sha256", Path.unlink),
+        ("recordings/cart/data.rrd", _flip),
         ("recordings/study.rrd", _flip),
         ("recordings/study.rrd", _truncate),
         ("recordings/study.rrd", Path.unlink),
@@ -79,6 +81,7 @@ def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], N
     assert results(copied) == results(small)
     assert published(copied).keys() == published(small).keys()
     check(copied / "recordings" / "study.rrd")
+    check(copied / "recordings" / "cart" / "data.rrd")
     assert study("plan", *SMALL, "--out", copied).out.endswith("results: up to date\n")
 
 

@@ -23,9 +23,8 @@ _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("KL divergence [nat]", ("kl",)),
     ("Learning rate", ("lr", "learning_rate")),
     ("Gradient norm", ("grad",)),
-    ("Validation", ("val", "score")),
+    ("Validation", ("val", "validation", "score")),
     ("Loss", ("loss", "nll", "reconstruction", "likelihood")),
-    ("Progress", ("epoch",)),
 )
 
 
@@ -78,21 +77,38 @@ def chart(name: str, origin: str) -> rrb.View:
     return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=charts.BOUNDS)
 
 
+def grid(views: Sequence[rrb.View], columns: int, name: str | None = None) -> rrb.Container:
+    """Views in rows of `columns`; a last row of one view is as wide as the others."""
+    if columns == 1 or len(views) < columns or len(views) % columns != 1:
+        return rrb.Grid(*views, grid_columns=min(columns, len(views)), name=name)
+    rows = len(views) // columns
+    above = rrb.Grid(*views[:-1], grid_columns=columns)
+    return rrb.Vertical(above, views[-1], row_shares=[rows, 1], name=name)
+
+
 def training(metrics: Sequence[str]) -> rrb.Blueprint:
-    """Training: metrics by what they are, in views of their own."""
+    """Training: metrics by what they are, in views of their own; all but the count of epochs."""
     groups: dict[str, list[str]] = {}
     for metric in metrics:
+        if metric.strip("/").split("/")[-1] == "epoch":
+            continue
         groups.setdefault(_training_view(metric), []).append("/" + metric.strip("/"))
     order = ["Loss", "Validation", *(title for title, _ in _TRAINING_VIEWS), "Other"]
     titles = sorted(groups, key=lambda title: ([*order, title].index(title), title))
-    views = [plot(title, groups[title], legend=rrb.Corner2D.RightTop) for title in titles]
+    views = [
+        plot(
+            title,
+            groups[title],
+            # One curve is what the title says.
+            legend=rrb.Corner2D.RightTop if len(groups[title]) > 1 else None,
+        )
+        for title in titles
+    ]
     notes = rrb.Tabs(readme(), readme("/hyperparameters", "Hyperparameters"), name="Notes")
     columns = 1 if len(views) < 3 else 2
     return blueprint(
         "step",
-        rrb.Horizontal(notes, rrb.Grid(*views, grid_columns=columns), column_shares=[1, 3])
-        if views
-        else notes,
+        rrb.Horizontal(notes, grid(views, columns), column_shares=[1, 3]) if views else notes,
     )
 
 
@@ -141,10 +157,10 @@ def forecast(
     tabs = []
     for title, root in roots.items():
         grids = [
-            rrb.Grid(
-                *(plot(name, [entity], span=span, legend=None) for name, entity, span in page),
-                grid_columns=columns,
-                name=" · ".join(name.split(" [")[0] for name, _, _ in page),
+            grid(
+                [plot(name, [entity], span=span, legend=None) for name, entity, span in page],
+                columns,
+                " · ".join(name.split(" [")[0] for name, _, _ in page),
             )
             for page in _pages(bands[root], columns * rows)
         ]
@@ -178,7 +194,7 @@ def scores(pages: Mapping[str, Mapping[str, Sequence[str]]], reliability: bool) 
         views = [_of_scores(name, entities) for name, entities in curves.items()]
         if reliability and not tabs:
             views.append(chart("Reliability: probability of success", "/chart/reliability"))
-        tabs.append(rrb.Grid(*views, grid_columns=min(2, len(views)), name=title))
+        tabs.append(grid(views, 2, title))
     if not tabs:
         return blueprint("horizon", readme())
     shown = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
@@ -219,7 +235,7 @@ def data(
     roots: Mapping[str, str],
     signals: Mapping[str, Sequence[tuple[str, str]]],
     eyes: Mapping[str, rrb.EyeControls3D],
-    close_ups: Mapping[str, rrb.EyeControls3D],
+    close_up: rrb.EyeControls3D | None,
 ) -> rrb.Blueprint:
     """Training data: a tab a trajectory, with the scene in 3D and every signal of all of them.
 
@@ -227,7 +243,7 @@ def data(
         roots: entity root of each trajectory that has a tab, by the tab's title.
         signals: title and entity of each signal, by the page that they are on.
         eyes: where each scene is looked at from.
-        close_ups: for each root whose bodies are too small beside their paths, an eye of their own.
+        close_up: an eye of their own for bodies that are too small beside their paths.
     """
     tabs = []
     for title, root in roots.items():
@@ -237,15 +253,15 @@ def data(
             "Distance to the target [m]", ["/distance", f"{root}/distance", "/radius"], legend=None
         )
         below: rrb.View | rrb.Container = distance
-        if root in close_ups:
-            close = _scene("Close-up", scene, close_ups[root], f"{root}/{FOLLOW}")
+        if close_up is not None:
+            close = _scene("Close-up", scene, close_up, f"{root}/{FOLLOW}")
             below = rrb.Horizontal(close, distance)
         left = rrb.Vertical(_scene("Paths", [*scene, *paths], eyes[root]), below, row_shares=[3, 2])
         pages = [
-            rrb.Grid(
-                *(plot(name, [entity, f"{root}{entity}"], legend=None) for name, entity in page),
-                grid_columns=2,
-                name=name,
+            grid(
+                [plot(name, [entity, f"{root}{entity}"], legend=None) for name, entity in page],
+                2,
+                name,
             )
             for name, page in signals.items()
         ]

@@ -46,10 +46,10 @@ _HOW_TO_READ = """
 
 - *3D*: the paths; the orange dot, and the scene, are where the trajectory is at the time cursor.
   **Green** is its target and how close to it counts as success; green dots are the others' targets.
-- *Close-up*, where there is one: the bodies alone, at the cursor; the view moves along.
-- *Distance*: success is to come below the green line.
+{close_up}- *Distance*: success is to come below the green line.
 - *Signals*: actions are what the model is told, states what it has to forecast.
 """
+_OF_CLOSE_UP = "- *Close-up*: the bodies alone, at the cursor; the view moves along.\n"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ def record_data(
     distance = finite(np.linalg.norm(paths - targets[:, None], axis=-1))
     chosen = _choose(distance)
     model = simulator.scene()
-    design = _design(simulator, model, chosen, paths, targets)
+    close_up = _close_up(model, paths)
+    design = _design(simulator, chosen, paths, targets, close_up)
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _tables(simulator, trajectories, distance), properties)
         fixed = scenes.fixed_bodies(model)
@@ -91,7 +92,8 @@ def record_data(
         stream.log("/paths/targets", dots, static=True)
         _log_signals(stream, simulator, trajectories, distance, chosen)
         for one in chosen:
-            write_markdown(stream, f"{one.root}/about", _about(simulator, trajectories, one))
+            about = _about(simulator, trajectories, one, close_up is not None)
+            write_markdown(stream, f"{one.root}/about", about)
             fans.log_target(stream, f"{one.root}/paths/target", targets[one.row], simulator.radius)
             _log_run(stream, one.root, simulator, model, trajectories.states[one.row])
 
@@ -113,10 +115,10 @@ def _choose(distance: NDArray[np.float64]) -> list[_Chosen]:
 
 def _design(
     simulator: "Simulator",
-    model: Any,
     chosen: list[_Chosen],
     paths: NDArray[np.float32],
     targets: NDArray[np.float32],
+    close_up: rrb.EyeControls3D | None,
 ) -> rrb.Blueprint:
     telling = tuple(v for v in simulator.state if v.name in simulator.telling)
     others = tuple(v for v in simulator.state if v.name not in simulator.telling)
@@ -131,18 +133,12 @@ def _design(
     for page in range(count):
         part = state[page * len(state) // count : (page + 1) * len(state) // count]
         pages[f"State {page + 1}" if count > 1 else "State"] = part
-    closest = {one.root: _close_up(model, paths) for one in chosen}
     # Large bodies must stay in sight wherever they move, small ones are lost among all the paths.
     eyes = {
-        one.root: fans.eye(paths if closest[one.root] is None else paths[one.row], targets[one.row])
+        one.root: fans.eye(paths if close_up is None else paths[one.row], targets[one.row])
         for one in chosen
     }
-    return blueprints.data(
-        {one.title: one.root for one in chosen},
-        pages,
-        eyes,
-        {root: eye for root, eye in closest.items() if eye is not None},
-    )
+    return blueprints.data({one.title: one.root for one in chosen}, pages, eyes, close_up)
 
 
 def _signals(group: str, variables: tuple["Variable", ...]) -> list[tuple[str, str]]:
@@ -233,7 +229,7 @@ def _log_run(
     scenes.log_motion(stream, f"{root}/scene", model, moving, qpos, TIMELINE, steps)
 
 
-def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen) -> str:
+def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen, close_up: bool) -> str:
     """What there is to know of one trajectory, and how to read its views."""
     states, task = trajectories.states[one.row], trajectories.task[one.row]
     success = bool(simulator.outcome(states[1:], task))
@@ -246,7 +242,8 @@ def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen) -> 
         f"## What no model sees\n\n{_values(simulator.hidden, trajectories.hidden[one.row])}"
         "- the target, and the noise at each step\n\n"
     )
-    return text + f"## How to read it\n{_HOW_TO_READ}"
+    how = _HOW_TO_READ.format(close_up=_OF_CLOSE_UP if close_up else "")
+    return text + f"## How to read it\n{how}"
 
 
 def _values(variables: tuple["Variable", ...], values: NDArray[np.float32]) -> str:

@@ -31,8 +31,8 @@ _README = """
 Every curve that was logged while the model was fitted, by step of the optimiser. Move the time
 cursor, or hover over a curve, to read a number; drag to zoom, double click to see all.
 
-A validation curve has one value an epoch. Where it turns upwards while the training loss still
-falls, the model has begun to learn its data by heart.
+A validation curve has one value for each look at the validation data. Where it turns upwards while
+the training loss still falls, the model has begun to learn its data by heart.
 """
 
 

@@ -10,11 +10,13 @@ import pytest
 from study.data.trajectories import Trajectories
 from study.envs.simulator import Variable
 from study.errors import StudyError
+from study.recording import data as data_recording
 from study.recording.data import record_data
 from study.recording.files import check
 from study.recording.reading import entities, properties, scalars
 from study.seeds import spawn
 from tests.recording import toy
+from tests.recording.test_overview import document
 
 
 def trajectories(count: int = 5) -> Trajectories:
@@ -50,6 +52,17 @@ def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
     read = scalars(path, "/hidden/load")["value"].to_numpy()
     assert np.isnan(read[3])
     np.testing.assert_allclose(read[[0, 1, 2, 4]], load[[0, 1, 2, 4], 0])
+
+
+@pytest.mark.parametrize("tiny", [0.02, 100.0])
+def test_the_text_tells_of_a_close_up_where_there_is_one(
+    tiny: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data_recording, "_TINY", tiny)
+    record_data(tmp_path / "data.rrd", toy.Puck(), trajectories(), toy.PROPERTIES)
+    text = document(tmp_path / "data.rrd", "/closest/about")
+    assert ("*Close-up*" in text) == (tiny > 1)
+    assert "- *Distance*: success" in text
 
 
 def test_a_trajectory_that_is_lost_is_drawn_until_then(tmp_path: Path) -> None:
