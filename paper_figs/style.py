@@ -7,7 +7,18 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS
+from study.paper import (
+    ENSEMBLE,
+    FULL,
+    FULL_CRPS,
+    FULL_ENSEMBLE,
+    MLP,
+    MLP_ENSEMBLE,
+    ORACLE,
+    RESIDUAL,
+    RESIDUAL_CRPS,
+    RESIDUAL_ENSEMBLE,
+)
 
 COLUMN_WIDTH = 3.5
 """Inches: one column of a two-column paper."""
@@ -18,12 +29,15 @@ COLOURS = {
     MLP: "#009E73",
     RESIDUAL_CRPS: "#56B4E9",
     FULL_CRPS: "#E69F00",
+    RESIDUAL_ENSEMBLE: "#332288",
+    FULL_ENSEMBLE: "#882255",
+    MLP_ENSEMBLE: "#999933",
     ENSEMBLE: "#CC79A7",
     ORACLE: "#777777",
 }
-"""Okabe and Ito's palette, which people with any colour vision tell apart."""
+"""Okabe and Ito's palette, which people with any colour vision tell apart; then Paul Tol's."""
 
-CYCLE = ("#882255", "#000000", "#F0E442")
+CYCLE = ("#000000", "#44AA99", "#F0E442")
 """For models of your own."""
 
 DASHES = (0, (3, 1.5))

@@ -24,7 +24,7 @@ class Grid:
         environments: real systems, by their registered names.
         levels: epistemic levels: `low` has all the data, `high` a tenth of it.
         models: models, by their registered names; `paper` stands for the paper's three, `all` for
-            these and the two that are beyond the paper.
+            these and those that are beyond the paper.
         seeds: initialisations, orders of data, and (level high) which tenth of the data.
     """
 
@@ -170,6 +170,29 @@ class Mlp:
 
 
 @dataclass(frozen=True)
+class ModelEnsemble:
+    """Ensembles of whole models, beyond the paper.
+
+    Args:
+        members: complete models, each with weights and an order of the data of its own.
+    """
+
+    members: int = setting(5, low=1)
+
+
+@dataclass(frozen=True)
+class ProbabilisticEnsemble:
+    """The ensemble of probabilistic MLPs.
+
+    Args:
+        propagation: a forecast keeps its member for the whole trajectory (`trajectory`, TS∞), or
+            draws one anew at every step (`step`, TS1).
+    """
+
+    propagation: str = setting("trajectory", choices=("trajectory", "step"))
+
+
+@dataclass(frozen=True)
 class Train:
     """How the models of the cells are fitted (stage train).
 
@@ -234,6 +257,8 @@ class Config:
         vae: the residual VAE and the full VAE.
         mlp: the probabilistic MLP.
         crps: the generators beyond the paper.
+        model_ensemble: ensembles of whole models, beyond the paper.
+        probabilistic_ensemble: that of probabilistic MLPs.
         train: fitting a cell's model.
         evaluate: forecasts and scores.
         engine: where stages run.
@@ -248,6 +273,8 @@ class Config:
     vae: Vae = Vae()
     mlp: Mlp = Mlp()
     crps: Crps = Crps()
+    model_ensemble: ModelEnsemble = ModelEnsemble()
+    probabilistic_ensemble: ProbabilisticEnsemble = ProbabilisticEnsemble()
     train: Train = Train()
     evaluate: Evaluate = Evaluate()
     engine: Engine = Engine()

@@ -13,7 +13,9 @@ LEVELS = ("low", "high")
 RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
 MODELS = (RESIDUAL, FULL, MLP)
 RESIDUAL_CRPS, FULL_CRPS = "residual_crps", "full_crps"
-BEYOND = (RESIDUAL_CRPS, FULL_CRPS)
+RESIDUAL_ENSEMBLE, FULL_ENSEMBLE = "residual_vae_ensemble", "full_vae_ensemble"
+MLP_ENSEMBLE = "probabilistic_ensemble"
+BEYOND = (RESIDUAL_CRPS, FULL_CRPS, RESIDUAL_ENSEMBLE, FULL_ENSEMBLE, MLP_ENSEMBLE)
 """Models that the paper does not have (†): no claim of it is about them."""
 ORACLE, ENSEMBLE = "oracle", "ensemble"
 
@@ -27,6 +29,9 @@ LABELS = {
     MLP: "probabilistic MLP",
     RESIDUAL_CRPS: "residual CRPS†",
     FULL_CRPS: "full CRPS†",
+    RESIDUAL_ENSEMBLE: "residual VAE ensemble†",
+    FULL_ENSEMBLE: "full VAE ensemble†",
+    MLP_ENSEMBLE: "probabilistic ensemble†",
     ORACLE: "oracle",
     ENSEMBLE: "ensemble alone",
 }

@@ -46,7 +46,8 @@ class Forecaster(Protocol):
 class Model(L.LightningModule):
     """A forecaster that is fitted: a Lightning module that works in standard units.
 
-    A subclass gives a `training_step` and `sample`; it is entered with ``@models.register(NAME)``.
+    A subclass gives `losses` (or a `training_step` of its own) and `sample`; it is entered with
+    ``@models.register(NAME)``.
 
     Args:
         scaling: standard units, kept with the weights.
@@ -61,6 +62,8 @@ class Model(L.LightningModule):
     tunes_beta: ClassVar[bool] = False
     uses_ensemble: ClassVar[bool] = False
     sections: ClassVar[tuple[str, ...]] = ("train",)
+    orders: int | None = None
+    """Orders of the data in which it is trained, side by side; see `TrajectoryModule`."""
     noise_size: int
     """Standard normal numbers that one sample takes at one step."""
     state_mean: Tensor
@@ -78,6 +81,26 @@ class Model(L.LightningModule):
         self.validation_score: ValidationScore | None = None
         self.validation_samples, self.validation_seed = 16, 0
 
+    @classmethod
+    def trial_settings(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        """The settings of what a trial of the search for β fits: the model itself."""
+        return settings
+
+    def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
+        """The ``loss`` of a batch, and parts of it that are worth a curve.
+
+        Args:
+            batch: see `TrajectoryModule`.
+            step: steps of the optimiser that were taken before.
+        """
+        raise NotImplementedError
+
+    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+        """One batch."""
+        values = self.losses(batch, self.global_step)
+        self.tell(values)
+        return values["loss"]
+
     @abstractmethod
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """Forecasts in standard units.
@@ -93,7 +116,10 @@ class Model(L.LightningModule):
         """
 
     def members_count(self) -> int:
-        """M; 1 where there is no ensemble."""
+        """Members among which each sample draws one for its whole horizon; 1 without an ensemble.
+
+        What they disagree in is the model's epistemic uncertainty.
+        """
         return 1
 
     def tell(self, values: dict[str, Tensor]) -> None:

@@ -45,7 +45,7 @@ class ProbabilisticMlp(Model):
         log_variance = self.lowest + functional.softplus(log_variance - self.lowest)
         return mean, log_variance
 
-    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+    def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """−log p(s_{t+1} | s_t, a_t), averaged over transitions."""
         states = batch["states"]
         mean, log_variance = self(states[:, :-1], batch["actions"])
@@ -54,8 +54,7 @@ class ProbabilisticMlp(Model):
         likelihood = 0.5 * (squares + log_variance + math.log(2 * math.pi)).sum(-1).mean()
         # Draws the bounds towards what the data need (Chua et al. 2018, appendix A.1).
         loss = likelihood + 0.01 * (self.highest.sum() - self.lowest.sum())
-        self.tell({"loss": loss, "loss/negative_log_likelihood": likelihood})
-        return loss
+        return {"loss": loss, "loss/negative_log_likelihood": likelihood}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: ancestral sampling, one step at a time."""
@@ -63,8 +62,12 @@ class ProbabilisticMlp(Model):
         state, states = each_sample(s0, samples), []
         controls = each_sample(actions, samples).unbind(1)
         for action, draw in zip(controls, noise.flatten(0, 1).unbind(1), strict=True):
-            mean, log_variance = self(state, action)
-            change = mean + torch.exp(0.5 * log_variance) * draw
-            state = state + change * self.change_scale
+            state = self.step(state, action, draw)
             states.append(state)
         return torch.stack(states, dim=1).unflatten(0, (-1, samples))
+
+    def step(self, state: Tensor, action: Tensor, draw: Tensor) -> Tensor:
+        """A sample of s_{t+1} [..., D], from standard normal numbers [..., D]."""
+        mean, log_variance = self(state, action)
+        change = mean + torch.exp(0.5 * log_variance) * draw
+        return state + change * self.change_scale

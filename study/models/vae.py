@@ -67,13 +67,13 @@ class Vae(Model):
         size = 1 if self.settings["vae"]["member"] == "batch" else count
         return torch.randint(self.members_count(), (size,), device=device).expand(count)
 
-    def is_taught(self) -> bool:
+    def is_taught(self, step: int) -> bool:
         """Whether the decoder is now fed the true states instead of its own predictions."""
         if self.settings["vae"]["feeding"] != "schedule":
             return bool(self.settings["vae"]["feeding"] == "teacher")
-        return bool(self.global_step < TAUGHT * self.settings["train"]["steps"])
+        return bool(step < TAUGHT * self.settings["train"]["steps"])
 
-    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+    def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """One batch of Algorithm 1."""
         states, actions = batch["states"], batch["actions"]
         s0, truth = states[:, 0], states[:, 1:]
@@ -82,21 +82,26 @@ class Vae(Model):
         target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
-        history = states[:, :-1] if self.is_taught() else None
+        history = states[:, :-1] if self.is_taught(step) else None
         prediction = self.cvae.decode(s0, baseline, condition, latent, history)
         loss, likelihood, divergence = self.cvae.loss(
             prediction, truth, mean, log_variance, self.beta
         )
-        self.tell({"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence})
-        return loss
+        return {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: z_t from the prior, the decoder fed its own predictions.
 
         A forecast state is the mean of p_θ(s_{t+1} | ·): its noise is the latent variables'.
         """
+        return self.generate(s0, actions, noise, member, None)
+
+    def generate(
+        self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, members: Tensor | None
+    ) -> Tensor:
+        """As `sample`, with the ensemble's forecasts [S, M, T, D] where they are at hand."""
         samples = member.shape[1]
-        baseline, condition = self.conditions(s0, actions, member, None)
+        baseline, condition = self.conditions(s0, actions, member, members)
         start = each_sample(s0, samples)
         forecasts = self.cvae.decode(start, baseline, condition, noise.flatten(0, 1))
         return forecasts.unflatten(0, (-1, samples))

@@ -121,12 +121,16 @@ def log_paths(
     """All that is drawn of one scenario besides the scene.
 
     States [K, T, D] observed and forecast; with an ensemble `member` [K], the member behind each
-    forecast, and `members` [M, T, D], the members' own: thick, with its samples thin in its colour.
+    forecast, and `members` [M, T, D], the members' own: thick, with its samples thin in its colour
+    (of member m, where there are more, the colour of m mod M).
     """
     seen = simulator.position(observed).astype(np.float32)
     target = np.asarray(simulator.target(task), dtype=np.float32).reshape(3)
     promised = within_reach(simulator.position(forecast), seen)
-    colours = FORECAST if member is None else [series(int(m)) for m in member]
+    colours: Colour | list[Colour] = FORECAST
+    if member is not None:
+        shown = len(members) if members is not None else member.max() + 1
+        colours = [series(int(m) % shown) for m in member]
     log_target(stream, f"{root}/target", target, simulator.radius)
     log_fan(stream, f"{root}/observed", seen, OBSERVED, 0.5)
     log_fan(stream, f"{root}/forecast", promised, colours, 0.5)

@@ -8,7 +8,19 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
-from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS, label
+from study.paper import (
+    ENSEMBLE,
+    FULL,
+    FULL_CRPS,
+    FULL_ENSEMBLE,
+    MLP,
+    MLP_ENSEMBLE,
+    ORACLE,
+    RESIDUAL,
+    RESIDUAL_CRPS,
+    RESIDUAL_ENSEMBLE,
+    label,
+)
 from study.recording import blueprints
 from study.recording.palette import REFERENCE, Colour, faint, model_colours
 from study.recording.properties import Properties, table, write_markdown, write_readme
@@ -33,6 +45,9 @@ _COLOURS = {
     MLP: "green",
     RESIDUAL_CRPS: "light blue",
     FULL_CRPS: "yellow",
+    RESIDUAL_ENSEMBLE: "indigo",
+    FULL_ENSEMBLE: "wine",
+    MLP_ENSEMBLE: "olive",
     ENSEMBLE: "pink",
     ORACLE: "grey",
 }

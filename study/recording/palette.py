@@ -2,7 +2,18 @@
 
 from collections.abc import Iterable
 
-from study.paper import ENSEMBLE, FULL, FULL_CRPS, MLP, ORACLE, RESIDUAL, RESIDUAL_CRPS
+from study.paper import (
+    ENSEMBLE,
+    FULL,
+    FULL_CRPS,
+    FULL_ENSEMBLE,
+    MLP,
+    MLP_ENSEMBLE,
+    ORACLE,
+    RESIDUAL,
+    RESIDUAL_CRPS,
+    RESIDUAL_ENSEMBLE,
+)
 
 Colour = tuple[int, int, int, int]
 
@@ -38,6 +49,9 @@ MODELS: dict[str, Colour] = {
     MLP: (0, 158, 115, 255),
     RESIDUAL_CRPS: (86, 180, 233, 255),
     FULL_CRPS: (230, 159, 0, 255),
+    RESIDUAL_ENSEMBLE: (51, 34, 136, 255),
+    FULL_ENSEMBLE: (136, 34, 85, 255),
+    MLP_ENSEMBLE: (153, 153, 51, 255),
     ENSEMBLE: (204, 121, 167, 255),
     ORACLE: (119, 119, 119, 255),
 }

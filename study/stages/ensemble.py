@@ -18,6 +18,7 @@ from study.data.scaling import Scaling
 from study.data.storage import load_arrays, save_parts
 from study.data.trajectories import Floats, ScenarioSet, Trajectories
 from study.models.ensemble import Ensemble
+from study.models.ensemble_of import EnsembleOf
 from study.progress import Progress
 from study.provenance import made_with
 from study.recording.logger import RerunLogger
@@ -78,13 +79,13 @@ def training_data(
     return training, validation, Scaling.of(training)
 
 
-def forecast_members(model: Ensemble, s0: Floats, actions: Floats) -> Floats:
+def forecast_members(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Floats:
     """ŷ_m of all members [N, M, T, D] in SI units, from [N, D] and [N, T, A] in SI units."""
     return np.concatenate(list(members_in_parts(model, s0, actions)))
 
 
 @torch.no_grad()
-def members_in_parts(model: Ensemble, s0: Floats, actions: Floats) -> Iterator[Floats]:
+def members_in_parts(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Iterator[Floats]:
     """As `forecast_members`, some trajectories at a time."""
     for start in range(0, len(s0), CHUNK):
         chunk = slice(start, start + CHUNK)

@@ -21,6 +21,7 @@ from study.metrics.scores import Outcomes, score
 from study.metrics.variance import split
 from study.models import Forecaster, Model
 from study.models.ensemble import Ensemble
+from study.models.ensemble_of import EnsembleOf
 from study.models.forecaster import draw_members
 from study.progress import Progress
 from study.seeds import Seeds, spawn
@@ -195,15 +196,15 @@ def _picked(
     return arrays
 
 
-def ensemble_of(forecaster: Forecaster) -> Ensemble | None:
+def ensemble_of(forecaster: Forecaster) -> Ensemble | EnsembleOf | None:
     """The ensemble that a forecaster is, or has."""
-    if isinstance(forecaster, Ensemble):
+    if isinstance(forecaster, Ensemble | EnsembleOf):
         return forecaster
     inner = getattr(forecaster, "ensemble", None) if isinstance(forecaster, Model) else None
     return inner if isinstance(inner, Ensemble) else None
 
 
 def members_of(forecaster: Forecaster, seeds: Seeds, samples: int) -> NDArray[np.int64] | None:
-    """The ensemble member behind each sample, [S, K]; None without an ensemble."""
-    ensemble = ensemble_of(forecaster)
-    return None if ensemble is None else draw_members(seeds, samples, ensemble.members_count())
+    """The member behind each sample, [S, K]; None where there is but one."""
+    count = forecaster.members_count() if isinstance(forecaster, Model) else 1
+    return draw_members(seeds, samples, count) if count > 1 else None

@@ -75,6 +75,7 @@ def prepare(
         scenarios[:validation],
         settings["sections"]["train"]["batch_size"],
         derive(settings["seed"], "order"),
+        orders=model.orders,
         members=members,
     )
     return model, data

@@ -19,6 +19,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from study.errors import StudyError
 from study.files import write_json
+from study.models import models
 from study.progress import Progress
 from study.seeds import derive, torch_seed
 from study.stages.fitting import fit
@@ -106,7 +107,7 @@ def _try(
 ) -> float:
     """The validation score after a short fit; all trials begin with the same weights."""
     tune = settings["tune"]
-    sections = settings["sections"]
+    sections = models[settings["model"]].trial_settings(settings["sections"])
     short = sections | {"train": sections["train"] | {"steps": tune["steps"]}}
     model, data = prepare(settings | {"sections": short}, inputs, beta, tune["validation"])
     model.validation_samples = tune["samples"]

@@ -6,7 +6,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from study.config import Config, Crps, Ensemble, Mlp, Vae
+from study.config import (
+    Config,
+    Crps,
+    Ensemble,
+    Mlp,
+    ModelEnsemble,
+    ProbabilisticEnsemble,
+    Vae,
+)
 from study.data.scaling import Scaling
 from study.data.trajectories import Trajectories
 from study.models import Model
@@ -29,6 +37,8 @@ def settings(**vae: Any) -> dict[str, Any]:
         "vae": asdict(Vae(hidden_size=8, latent_size=4, **vae)),
         "crps": asdict(Crps(hidden_size=8, noise_size=5, lasting=2)),
         "mlp": asdict(Mlp(hidden_size=8, layers=2)),
+        "model_ensemble": asdict(ModelEnsemble(members=3)),
+        "probabilistic_ensemble": asdict(ProbabilisticEnsemble()),
         "train": asdict(Config().train),
         "ensemble": asdict(Ensemble(members=3, hidden_size=8)),
     }

@@ -19,6 +19,9 @@ NAMES = [
     "ensemble",
     "residual_crps",
     "full_crps",
+    "full_vae_ensemble",
+    "residual_vae_ensemble",
+    "probabilistic_ensemble",
 ]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("full_vae", {"full_output": "direct"}),
