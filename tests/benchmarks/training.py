@@ -10,11 +10,9 @@ Transitions per second of a whole step, loss, derivative and Adam, on one thread
   where the processor has instructions for it.
 
 For the ensemble a transition counts once for each member that learns from it. mbrl is measured
-where it is installed; to have it in a folder of its own, for this script alone:
+where it is installed; to have it for this script alone:
 
-    pip install --no-deps --target mbrl mbrl==0.2.0 hydra-core==1.3.2 omegaconf==2.3.0 \
-        antlr4-python3-runtime==4.9.3 termcolor==2.5.0
-    PYTHONPATH=mbrl python -m tests.benchmarks.training
+    python -m tests.benchmarks.with_mbrl -m tests.benchmarks.training
 """
 
 import argparse

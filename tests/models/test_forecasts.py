@@ -27,6 +27,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("full_vae", {"full_output": "direct"}),
     ("residual_vae", {"residual_output": "increment"}),
     ("residual_vae", {"encoder": "history"}),
+    ("probabilistic_ensemble", {"propagation": "step"}),
 ]
 EVERY: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in NAMES] + VARIANTS
 
