@@ -67,8 +67,9 @@ class Pick:
         task: [G].
         observed: [K, T, D], the states s_1 … s_T that were observed.
         forecast: [K, T, D], the states that were forecast.
-        member: [K] int, the ensemble member behind each forecast, or None.
-        members: [M, T, D], the members' own forecasts, or None.
+        member: [K] int, the ensemble member behind each forecast, or None; where a pair of members
+            is behind it, m of the pair is `member` mod M.
+        members: [M, T, D], the members' own forecasts, without noise, or None.
         aleatoric: [T] m², the aleatoric part of the variance that is forecast for the position,
             summed over its axes; None without an ensemble.
         epistemic: [T] m², the epistemic part.
