@@ -1,4 +1,6 @@
-"""Standard units: every learned model works on states and actions of zero mean and unit scale."""
+"""Standard units: every learned model works on states and actions of zero mean and unit scale.
+
+Pairs that an environment names are turned first (`study.data.axes`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from study.data.axes import Indices, turn, turned_pairs
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
 
@@ -27,6 +30,7 @@ class Scaling:
         state_mean, state_scale: [D] float32.
         action_mean, action_scale: [A] float32.
         change_scale: [D] float32, standard deviation of s_{t+1} − s_t in standard units.
+        turned: [P, 3] int64, the pairs and their angles.
     """
 
     state_mean: Floats
@@ -34,29 +38,39 @@ class Scaling:
     action_mean: Floats
     action_scale: Floats
     change_scale: Floats
+    turned: Indices
 
     @classmethod
     def of(cls, trajectories: Trajectories) -> "Scaling":
         """Measure a training set."""
         states, actions = trajectories.states, trajectories.actions
-        state_mean, state_scale = _measure(states)
+        turned = turned_pairs(trajectories.facts)
+
+        def level(part: Floats) -> Floats:
+            return turn(_copy(part), torch.from_numpy(turned)).numpy()
+
+        state_mean, state_scale = _measure(states, level)
         action_mean, action_scale = _measure(actions)
-        _, change_scale = _measure(states, lambda part: np.diff(part, axis=1) / state_scale)
-        return cls(state_mean, state_scale, action_mean, action_scale, change_scale)
+        _, change_scale = _measure(states, lambda part: np.diff(level(part), axis=1) / state_scale)
+        return cls(state_mean, state_scale, action_mean, action_scale, change_scale, turned)
 
     def standard_states(self, states: Floats) -> Tensor:
         """[..., D] in SI units to standard units."""
-        return _standard(states, self.state_mean, self.state_scale)
+        level = turn(_copy(states), torch.from_numpy(self.turned))
+        return _standard(level, self.state_mean, self.state_scale)
 
     def standard_actions(self, actions: Floats) -> Tensor:
         """[..., A] in SI units to standard units."""
-        return _standard(actions, self.action_mean, self.action_scale)
+        return _standard(_copy(actions), self.action_mean, self.action_scale)
 
 
-def _standard(values: Floats, mean: Floats, scale: Floats) -> Tensor:
-    standard = values - mean
-    standard /= scale  # in place: a large set is in memory once
-    return torch.from_numpy(standard)
+def _copy(values: Floats) -> Tensor:
+    return torch.from_numpy(np.array(values))
+
+
+def _standard(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
+    # In place: a large set is in memory once.
+    return values.sub_(torch.from_numpy(mean)).div_(torch.from_numpy(scale))
 
 
 def _measure(

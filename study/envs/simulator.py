@@ -113,6 +113,9 @@ class Simulator(ABC):
     """What scenarios are drawn from, each uniform between its bounds."""
     telling: ClassVar[tuple[str, ...]] = ()
     """Names of the state variables that a picture should show over time; none: it chooses."""
+    turned: ClassVar[tuple[tuple[str, str, str], ...]] = ()
+    """Pairs of state variables that are components along axes turned by an angle, and that angle:
+    models work on them in axes that stand still (`study.data.axes`)."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""

@@ -194,6 +194,7 @@ class Uav(Simulator):
 
     drawn_from = START
     telling = ("z", "vz", "battery")
+    turned = (("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw"))
 
     def draw(self, seeds: Seeds) -> Scenarios:
         """Draw one scenario for each seed [N], from `START`."""

@@ -7,12 +7,11 @@ One network serves both VAEs of the paper. It generates a *target* x_{1:T} that 
 - full VAE: b = 0, so that x is the state itself.
 """
 
-import math
-
 import torch
 from torch import Tensor, nn
 
 from study.models.decoder import RecurrentDecoder
+from study.models.likelihood import negative_log_likelihood
 from study.models.recurrence import gru
 
 
@@ -49,7 +48,6 @@ class RecurrentCvae(nn.Module):
         self.decode = RecurrentDecoder(
             output_scale, condition_size, hidden_size, latent_size, increments
         )
-        self.log_scale = nn.Parameter(torch.full((state_size,), math.log(0.3)))
 
     def encode(self, target: Tensor, states: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and log variance of q_φ(z_t | ·), each [B, T, Z].
@@ -84,20 +82,10 @@ class RecurrentCvae(nn.Module):
         Returns:
             loss, negative log likelihood and KL divergence, scalars.
         """
-        likelihood = negative_log_likelihood(prediction, truth, self.log_scale).mean()
+        squared_error = (truth - prediction).square().mean((0, 1))
+        likelihood = negative_log_likelihood(squared_error).sum()
         divergence = kl_from_standard_normal(mean, log_variance).mean()
         return likelihood + beta * divergence, likelihood, divergence
-
-
-def negative_log_likelihood(prediction: Tensor, truth: Tensor, log_scale: Tensor) -> Tensor:
-    """−log N(truth; prediction, exp(log_scale)²) summed over the last axis: [...] from [..., D].
-
-    The scale is one learned number per dimension, so that dimensions whose noise differs by orders
-    of magnitude weigh alike (Rybkin et al. 2021, sigma-VAE).
-    """
-    error = (truth - prediction) * torch.exp(-log_scale)
-    constant = 0.5 * math.log(2 * math.pi)
-    return (0.5 * error.square() + log_scale + constant).sum(-1)
 
 
 def kl_from_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

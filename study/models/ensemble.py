@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, adam
+from study.models.likelihood import negative_log_likelihood
 from study.models.recurrence import feedback_gru, gru
 
 
@@ -102,31 +103,32 @@ class Ensemble(Model):
         return self(s0, actions)[scenarios, member]
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
-        """−log p_θ of each member under a Gaussian of fixed scale: the squared error.
+        """−log p_θ of each member, averaged over trajectories and t, and over the dimensions.
 
         The batch has a leading axis M: each member sees the data in its own order. The first steps
-        are taught one transition at a time, in units of a step's change, which is quick to learn
-        and where to begin from; then whole forecasts count, in units of the state.
+        are taught one transition at a time, which is quick to learn and where to begin from; then
+        whole forecasts count.
         """
         states, actions, options = batch["states"], batch["actions"], self.settings["ensemble"]
         s0, truth = states[:, :, 0], states[:, :, 1:]
         if self.global_step < options["taught"] * options["steps"]:
-            error = (self.members(s0, actions, states[:, :, :-1]) - truth) / self.change_scale
+            forecasts = self.members(s0, actions, states[:, :, :-1])
         else:
-            error = self.members(s0, actions) - truth
-        errors = error.square().mean((1, 2, 3))
-        self.tell({f"loss/member_{index}": error for index, error in enumerate(errors)})
+            forecasts = self.members(s0, actions)
+        losses = negative_log_likelihood((forecasts - truth).square().mean((1, 2))).mean(-1)
+        self.tell({f"loss/member_{index}": loss for index, loss in enumerate(losses)})
         # The members share no parameter, so the sum's gradient is each member's own.
-        return errors.sum()
+        return losses.sum()
 
     def validation_step(self, batch: dict[str, Tensor]) -> None:
-        """Squared error on trajectories not trained on, averaged over the members."""
+        """−log p_θ on trajectories not trained on, averaged over the members."""
         forecasts = self(*self.standard(batch["s0"], batch["actions"]))[:, :, None]
-        truth = (batch["observed"] - self.state_mean) / self.state_scale
-        errors = (forecasts - truth[:, None]).square().mean((0, 2, 3, 4))
-        for index, error in enumerate(errors):
-            self.log(f"validation/member_{index}", error, batch_size=len(forecasts))
-        self.log("validation_score", errors.mean(), batch_size=len(forecasts))
+        truth = self.standard_states(batch["observed"])
+        squared_error = (forecasts - truth[:, None]).square().mean((0, 2, 3))
+        losses = negative_log_likelihood(squared_error).mean(-1)
+        for index, loss in enumerate(losses):
+            self.log(f"validation/member_{index}", loss, batch_size=len(forecasts))
+        self.log("validation_score", losses.mean(), batch_size=len(forecasts))
 
     def configure_optimizers(self) -> Any:
         """See `adam`."""

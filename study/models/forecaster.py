@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from study.data.axes import turn
 from study.data.scaling import Floats, Scaling
 from study.registry import Registry
 from study.seeds import Seeds, spawn
@@ -71,6 +72,7 @@ class Model(L.LightningModule):
     action_mean: Tensor
     action_scale: Tensor
     change_scale: Tensor
+    turned: Tensor
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
         super().__init__()
@@ -145,14 +147,22 @@ class Model(L.LightningModule):
                 torch.from_numpy(noise).to(self.device),
                 torch.from_numpy(member).to(self.device),
             )
-            forecasts = forecasts.float() * self.state_scale + self.state_mean
-            parts.append(forecasts.cpu().numpy())
+            parts.append(self.physical(forecasts.float()).cpu().numpy())
         return np.concatenate(parts)
 
     def standard(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
         """s_0 [..., D] and actions [..., A] in standard units, where the weights are."""
-        states = (s0.to(self.device) - self.state_mean) / self.state_scale
-        return states, (actions.to(self.device) - self.action_mean) / self.action_scale
+        standard_actions = (actions.to(self.device) - self.action_mean) / self.action_scale
+        return self.standard_states(s0), standard_actions
+
+    def standard_states(self, states: Tensor) -> Tensor:
+        """States [..., D] in standard units, where the weights are."""
+        level = turn(states.to(self.device, copy=True), self.turned)
+        return (level - self.state_mean) / self.state_scale
+
+    def physical(self, states: Tensor) -> Tensor:
+        """States [..., D] in SI units, from standard units."""
+        return turn(states * self.state_scale + self.state_mean, self.turned, back=True)
 
     def validation_step(self, batch: dict[str, Tensor]) -> None:
         """Score free-running forecasts, the same noise at every look."""

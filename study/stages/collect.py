@@ -161,6 +161,7 @@ def _facts(simulator: Simulator, seed: int) -> dict[str, Any]:
         "action": table(simulator.action),
         "hidden": table(simulator.hidden),
         "task": table(simulator.task),
+        "turned": [list(names) for names in simulator.turned],
         "seed": seed,
         "versions": {"study": __version__} | {name: version(name) for name in ("mujoco", "numpy")},
     }

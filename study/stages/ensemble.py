@@ -90,7 +90,7 @@ def members_in_parts(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) 
     for start in range(0, len(s0), CHUNK):
         chunk = slice(start, start + CHUNK)
         standard = model.standard(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
-        yield (model(*standard) * model.state_scale + model.state_mean).cpu().numpy()
+        yield model.physical(model(*standard)).cpu().numpy()
 
 
 def load_ensemble(folder: Path) -> Ensemble:

@@ -50,7 +50,7 @@ def load_model(path: Path) -> Model:
     with safe_open(path, framework="np") as file:
         facts = json.loads(file.metadata()["facts"])
     tensors = load_file(path)
-    names = ("state_mean", "state_scale", "action_mean", "action_scale", "change_scale")
+    names = ("state_mean", "state_scale", "action_mean", "action_scale", "change_scale", "turned")
     scaling = Scaling(*(np.asarray(tensors[name].numpy()) for name in names))
     ensemble = Ensemble(scaling, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
     model = build(facts["model"], scaling, facts["settings"], facts["beta"], ensemble)

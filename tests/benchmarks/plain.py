@@ -93,7 +93,6 @@ class PlainCvae(nn.Module):
             own.recurrent.bias,
         )
         self.posterior, self.start, self.out = cvae.posterior, own.start, own.out
-        self.log_scale = cvae.log_scale
 
     loss = RecurrentCvae.loss
 

@@ -95,7 +95,7 @@ def test_a_member_is_kept_over_the_horizon() -> None:
     forecaster, (s0, actions, seeds) = model("ensemble"), given()
     forecasts = forecaster.forecast(s0, actions, 50, seeds)
     standard = forecaster.standard(torch.from_numpy(s0), torch.from_numpy(actions))
-    members = forecaster(*standard) * forecaster.state_scale + forecaster.state_mean
+    members = forecaster.physical(forecaster(*standard))
     distance = np.abs(forecasts[:, :, None] - members.detach().numpy()[:, None]).max(axis=(3, 4))
     assert (distance.min(axis=2) < 1e-4).all()
     # Uniform over the three members: each is drawn by about a third of the samples.

@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.distributions import Normal, kl_divergence
 
 from study.data.scaling import Scaling
-from study.models.cvae import RecurrentCvae, kl_from_standard_normal, negative_log_likelihood
+from study.models.cvae import RecurrentCvae, kl_from_standard_normal
+from study.models.likelihood import negative_log_likelihood
 from study.models.residual_vae import ResidualVae
 from study.models.vae import Vae
 from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
@@ -72,13 +73,14 @@ def test_the_loss_term_by_term() -> None:
     generator = np.random.default_rng(1)
     prediction, truth = generator.normal(size=(2, 3, 4, STATE))
     mean, log_variance = generator.normal(size=(2, 3, 4, 5))
-    log_scale = np.array([-1.0, 0.0, 0.5])
+    # σ of each dimension: that under which the batch is most likely.
+    scale = np.sqrt(np.square(truth - prediction).mean(axis=(0, 1)))
     beta = 0.3
     likelihood = divergence = 0.0
     for b in range(3):
         for t in range(4):
             for d in range(STATE):
-                sigma = math.exp(log_scale[d])
+                sigma = scale[d]
                 error = truth[b, t, d] - prediction[b, t, d]
                 likelihood += 0.5 * (error / sigma) ** 2 + math.log(sigma * math.sqrt(2 * math.pi))
             for z in range(5):
@@ -86,7 +88,6 @@ def test_the_loss_term_by_term() -> None:
                 divergence += 0.5 * (m**2 + v - 1 - math.log(v))
     likelihood, divergence = likelihood / 12, divergence / 12
     cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 5).double()
-    cvae.log_scale.data = torch.tensor(log_scale)
     loss, first, second = cvae.loss(
         torch.tensor(prediction),
         torch.tensor(truth),
@@ -101,13 +102,30 @@ def test_the_loss_term_by_term() -> None:
 
 def test_kl_and_likelihood_against_torch_distributions() -> None:
     torch.manual_seed(0)
-    mean, log_variance, truth, log_scale = torch.randn(4, 6, 3).double().unbind(0)
+    mean, log_variance = torch.randn(2, 6, 3).double().unbind(0)
     posterior = Normal(mean, torch.exp(0.5 * log_variance))
     prior = Normal(torch.zeros_like(mean), torch.ones_like(mean))
     expected = kl_divergence(posterior, prior).sum(-1)
     torch.testing.assert_close(kl_from_standard_normal(mean, log_variance), expected)
-    likelihood = -Normal(mean, log_scale.exp()).log_prob(truth).sum(-1)
-    torch.testing.assert_close(negative_log_likelihood(mean, truth, log_scale), likelihood)
+
+
+def test_the_likelihood_is_that_of_the_best_scale() -> None:
+    """Against torch.distributions: no other σ gives less, and a dimension's unit does not count."""
+    torch.manual_seed(0)
+    truth, mean = torch.randn(2, 50, 3).double().unbind(0)
+    squares = (truth - mean).square().mean(0)
+    found = negative_log_likelihood(squares)
+
+    def at(scale: torch.Tensor) -> torch.Tensor:
+        return -Normal(mean, scale).log_prob(truth).mean(0)
+
+    torch.testing.assert_close(found, at(squares.sqrt()))
+    for factor in (0.9, 1.1):
+        assert (at(factor * squares.sqrt()) > found).all()
+    unit = torch.tensor([1e-3, 1.0, 50.0]).double()
+    squares.requires_grad_()
+    gradient = torch.autograd.grad(negative_log_likelihood(squares * unit**2).sum(), squares)[0]
+    torch.testing.assert_close(gradient, 0.5 / squares.detach())
 
 
 @pytest.mark.parametrize("increments", [True, False])
