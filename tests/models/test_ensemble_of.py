@@ -228,7 +228,7 @@ def test_the_members_own_forecasts(name: str) -> None:
     each = [member.sample(*standard, noise, first) for member in network.each()]
     recurrent: Any = network.ensemble if network.uses_ensemble else None
     expected = torch.cat(each, dim=1) if recurrent is None else recurrent(*standard)
-    found = (torch.from_numpy(own) - network.state_mean) / network.state_scale
+    found = network.standard_states(torch.from_numpy(own))
     torch.testing.assert_close(found, expected.detach(), rtol=1e-3, atol=1e-4)
 
 
