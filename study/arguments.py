@@ -90,8 +90,8 @@ examples
 checks   every file against SHA256SUMS; every recording against its own checksum; claims, tables
          and figures against those that the scores give when they are drawn again
 --rerun  the test set is drawn again too, unless work/ holds it. The same machine gives the same
-         scores; another may round differently: each overall score may differ by 0.001 (three
-         digits are what the tables print), and so may 99 % of all scores
+         scores; another may round differently: a score over all scenarios may differ by 0.001
+         (the tables print three digits), and of those of single scenarios 1 % by more
 exit     0 if all is as it was written, 1 if something differs
 
 examples
@@ -236,9 +236,13 @@ def _one_line(error: ArgumentError) -> str:
     """`tune.trials: got 'abc'; it must be a whole number`."""
     text = " ".join(str(error).split())
     found = re.search(r'Parser key "([\w.]+)".*(?:Got|Given) value: (.*)$', text)
-    if not found or found.group(1) not in keys():
+    if not found:
         return text
     name, value = found.groups()
+    if "int" in text and any(f"--{name}" in own for own in OWN.values()):
+        return f"--{name}: got '{value}'; it must be a whole number"
+    if name not in keys():
+        return text
     return f"{name}: got '{value}'; it must be {_kind(name)}"
 
 

@@ -27,6 +27,7 @@ from study.plans import Plan, read_plan
 from study.progress import Progress
 from study.provenance import made_with
 from study.recording.forecasts import Pick, record_forecast
+from study.recording.properties import table
 from study.seeds import Seeds, derive, spawn
 from study.stages.collect import draw_planned, real_system, repeat_rollouts, trajectory_seeds
 from study.stages.evaluate import Oracle, picked
@@ -68,7 +69,7 @@ class Question:
     def title(self) -> str:
         """What is forecast; what stands before the colon is short."""
         if self.file is None:
-            return f"scenario {self.scenario}: of the test set"
+            return f"scenario {self.scenario}: from the test set"
         return f"{self.file.name}: a plan from a file, noise of test scenario {self.scenario}"
 
 
@@ -161,14 +162,25 @@ SPREAD = ("step", "time [s]", "total [m]", "aleatoric [m]", "epistemic [m]", "ob
 
 def outcome_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
     """The rows of `OUTCOMES`: shares of the runs; ± is the standard error of so many forecasts."""
+    rows: list[tuple[str, ...]] = []
+    for name, (share, seen) in outcome_shares(simulator, pick).items():
+        error = np.sqrt(share * (1 - share) / len(pick.forecast))
+        rows.append((name, f"{share:.3f}", f"{error:.3f}", f"{seen:.3f}"))
+    return rows
+
+
+def outcome_shares(simulator: Simulator, pick: Pick) -> dict[str, tuple[float, float]]:
+    """The shares of forecasts and of observed runs with each outcome, the task itself first.
+
+    As in the scores, a forecast that is not finite has none of them.
+    """
+    finite = np.isfinite(pick.forecast).all(axis=(1, 2))
     forecast = simulator.outcomes(pick.forecast, pick.task[None])
     observed = simulator.outcomes(pick.observed, pick.task[None])
-    rows: list[tuple[str, ...]] = []
-    for name, happens in forecast.items():
-        share = happens.mean()
-        error = np.sqrt(share * (1 - share) / len(happens))
-        rows.append((name, f"{share:.3f}", f"{error:.3f}", f"{observed[name].mean():.3f}"))
-    return rows
+    return {
+        name: (float((happens & finite).mean()), float(observed[name].mean()))
+        for name, happens in forecast.items()
+    }
 
 
 def spread_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
@@ -192,13 +204,9 @@ def save(path: Path, question: Question, simulator: Simulator, pick: Pick) -> No
     Raises:
         BadInput: it cannot be written there.
     """
-    notes = "\n\n".join(
-        _markdown(header, rows)
-        for header, rows in (
-            (OUTCOMES, outcome_rows(simulator, pick)),
-            (SPREAD, spread_rows(simulator, pick)),
-        )
-    )
+    # The panel is narrow, and the spread has a plot.
+    rows = [("outcome", "forecast", "observed")]
+    rows += [(name, share, seen) for name, share, _, seen in outcome_rows(simulator, pick)]
     cell = question.cell
     properties = {
         "cell": cell.name,
@@ -209,7 +217,7 @@ def save(path: Path, question: Question, simulator: Simulator, pick: Pick) -> No
         "config": json.dumps(asdict(question.study.config), sort_keys=True),
     }
     try:
-        record_forecast(path, simulator, [pick], properties, README, notes)
+        record_forecast(path, simulator, [pick], properties, README, table(rows[0], rows[1:]))
     except OSError as error:
         raise BadInput(f"--save: cannot write '{path}': {error}") from None
 
@@ -239,15 +247,10 @@ def _deviation(variance: float) -> str:
 
 
 def _print(console: Console, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    shown = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for index, column in enumerate(header):
-        table.add_column(column, justify="right" if index else "left", no_wrap=True)
+        shown.add_column(column, justify="right" if index else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        shown.add_row(*row)
     console.print()
-    console.print(table)
-
-
-def _markdown(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [header, ("---", *("---:",) * (len(header) - 1)), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    console.print(shown)

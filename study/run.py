@@ -252,12 +252,12 @@ def export(command: Command) -> int:
 
 def forecast(command: Command) -> int:
     """Forecast one scenario, or a plan, with the weights that the study ships."""
+    quiet_rerun()
     from study.display import Bar
     from study.forecast import Question, answer, print_answer, read_scenario, save, simulator_of
     from study.plans import write_plan
     from study.recording.viewer import open_viewer
 
-    quiet_rerun()
     if command.scenario is None and command.file is None:
         raise BadInput("--scenario: its value is missing; or give a plan with --file")
     if command.samples is not None and command.samples < 2:

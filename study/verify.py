@@ -9,8 +9,9 @@ unpacked streams of a PDF (another zlib packs the same content into other bytes)
 A cell that is evaluated again on the same machine, with the same versions, has the same scores, bit
 for bit. Another processor or another version adds up in another order, and the last digits differ:
 a recurrent network passes that on from step to step, and now and then a forecast falls on the other
-side of a threshold, which moves one probability by 1/K. So it passes if every overall score differs
-by at most `TOLERANCE` and so do `MOST` of all scores; the largest difference is told.
+side of a threshold, which moves the probability of one scenario by 1/K. So it passes if every score
+over all scenarios differs by at most `TOLERANCE`, and so do `MOST` of all; the largest difference
+is told. (Plain torch in place of the compiled recurrences moves quick's scores by 0.0001 at most.)
 """
 
 import re
@@ -43,7 +44,7 @@ from study.stored import Stored
 TOLERANCE = 0.001
 """Of a score, or beyond 1 of its size: three digits are what the tables print."""
 MOST = 0.99
-"""The share of all scores that keep to it: rows of one step or scenario move with one forecast."""
+"""The share of all scores that keep to it: that of one scenario moves with one forecast."""
 AGAIN = "python -m study.run all makes it again, or restore it from where it came"
 KEYS = ("metric", "dimension", "step", "scenario")
 
@@ -221,13 +222,13 @@ def compare_scores(name: str, stored: pd.DataFrame, again: pd.DataFrame) -> Foun
         apart = np.abs(new - old) / np.maximum(1.0, np.abs(old))
     same = (old == new) | (np.isnan(old) & np.isnan(new))
     apart = np.where(same, 0.0, np.where(np.isnan(apart), np.inf, apart))
-    overall = ((stored.step == -1) & (stored.scenario == -1)).to_numpy()
+    overall = (stored.scenario == -1).to_numpy()
     worst, within = int(apart.argmax()), float((apart <= TOLERANCE).mean())
     row = stored.iloc[worst]
     where = ", ".join(f"{key} {row[key]}" for key in keys)
     text = (
         f"{name}: {len(old)} evaluated again: largest difference {apart[worst]:.2g} ({where}), "
-        f"of an overall score {apart[overall].max():.2g}; "
+        f"of one over all scenarios {apart[overall].max():.2g}; "
         f"{within:.2%} of all within {TOLERANCE:g}, at least {MOST:.0%} must be"
     )
     return Found("scores", bool(apart[overall].max() <= TOLERANCE and within >= MOST), text)
