@@ -88,7 +88,9 @@ def _groups(simulator: Simulator) -> dict[str, tuple[Variable, ...]]:
 
 def _read_csv(path: Path) -> Columns:
     # A spreadsheet may begin the file with a byte order mark.
-    rows = [row for row in csv.reader(StringIO(path.read_text(encoding="utf-8-sig"))) if any(row)]
+    rows = list(csv.reader(StringIO(path.read_text(encoding="utf-8-sig"))))
+    while rows and not any(rows[-1]):
+        rows.pop()  # after the last step only: in between, a step would be lost
     if not rows:
         raise BadInput("it is empty")
     header = [name.strip() for name in rows[0]]
