@@ -6,15 +6,16 @@ looked at first, so that every error names the setting, what was given and what 
 
 import re
 import warnings
-from argparse import ArgumentError
+from argparse import ArgumentError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonargparse import ArgumentParser
+from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
+from study import stored
 from study.config import Config, check, keys
 from study.errors import BadInput, nearest
 from study.grid import GROUPS, with_groups
@@ -30,7 +31,13 @@ COMMANDS = {
     "compare": "settings that differ and scores of cells, side by side: compare CELL CELL",
     "portrait": "write a page with pictures of an environment, and of how hard its scenarios are",
     "export": "write training data as a Minari data set, to share: export pusher",
+    "forecast": "forecast a test scenario, or a plan from a file, with the weights of a study",
+    "verify": "check a study's files, draw its tables and figures again, and compare",
 }
+
+# These read everything in the results folder itself: they take no settings.
+STORED = ("forecast", "verify")
+DEFAULT_OUT = "results/quick"
 
 # What a command takes that the others do not: an argument, then flags.
 OWN: dict[str, dict[str, dict[str, Any]]] = {
@@ -48,6 +55,48 @@ OWN: dict[str, dict[str, dict[str, Any]]] = {
         "environment": {"help": "such as pusher"},
         "--to": {"help": "folder of Minari data sets; Minari's own by default"},
     },
+    "forecast": {
+        "--cell": {"required": True, "help": "whose forecaster: uav/high/residual_vae/seed-0"},
+        "--scenario": {
+            "type": int,
+            "help": "a test scenario, from 0 on; with --file, the one whose noise is used",
+        },
+        "--file": {"help": "a plan of your own, .csv or .json: start, task and actions"},
+        "--samples": {"type": int, "help": "forecasts; as many as the study's if not given"},
+        "--save": {"help": "recording to write (FILE.rrd), in place of opening the viewer"},
+        "--write": {"help": "write the plan to this .csv or .json file, to edit, and do no more"},
+        "--out": {"default": DEFAULT_OUT, "help": "results folder"},
+    },
+    "verify": {
+        "out": {"nargs": "?", "default": DEFAULT_OUT, "help": "results folder; results/quick"},
+        "--rerun": {"help": "evaluate this cell again from its weights, and compare its scores"},
+    },
+}
+
+EPILOG = {
+    "forecast": """\
+a plan has these columns, named and in the units of study/envs/README.md:
+  s0.NAME      the state at the start, one value:  s0.x, s0.y, …
+  task.NAME    what is asked for, one value:       task.target_x, …
+  action.NAME  a value for each control step:      action.vx, …
+In CSV the first row has all of them; the rows after it leave s0 and task empty.
+In JSON: {"s0": {"x": 0.0, …}, "task": {…}, "action": {"vx": [1.0, …], …}}.
+
+examples
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --write plan.csv
+  python -m study.run forecast --cell uav/low/full_vae/seed-0 --file plan.csv --save plan.rrd""",
+    "verify": """\
+checks   every file against SHA256SUMS; every recording against its own checksum; claims, tables
+         and figures against those that the scores give when they are drawn again
+--rerun  the test set is drawn again too, unless work/ holds it. The same machine gives the same
+         scores; another may round differently: a score over all scenarios may differ by 0.001
+         (the tables print three digits), and of those of single scenarios 1 % by more
+exit     0 if all is as it was written, 1 if something differs
+
+examples
+  python -m study.run verify results/paper
+  python -m study.run verify results/paper --rerun uav/high/residual_vae/seed-0""",
 }
 
 HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
@@ -62,6 +111,7 @@ HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.
                      cell's curves, tables and claims together
   --save DIR         view: no window; pictures of every view go to this folder
   --to DIR           portrait: folder of the page; export: folder of Minari data sets
+  (forecast and verify read all settings in the results folder: forecast --help, verify --help)
 
 examples
   python -m study.run all
@@ -70,6 +120,8 @@ examples
   python -m study.run view study
   python -m study.run view pusher/low/residual_vae/seed-0 --kind scores --save pictures
   python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
+  python -m study.run verify results/quick --rerun uav/high/residual_vae/seed-0
 
 `python -m study.run all --help` lists every setting.
 """
@@ -89,6 +141,11 @@ class Command:
     cells: Sequence[str] = ()
     environment: str | None = None
     to: str | None = None
+    scenario: int | None = None
+    file: str | None = None
+    samples: int | None = None
+    write: str | None = None
+    rerun: str | None = None
 
 
 def usage() -> str:
@@ -118,6 +175,11 @@ def parse(arguments: list[str]) -> Command:
         raise BadInput(f"unknown command '{command}': {nearest(command, COMMANDS)}")
     parser = _parser(command)
     _check_flags(command, rest)
+    if command in STORED:
+        namespace = _arguments(parser, rest)
+        own = {_name(name): getattr(namespace, _name(name)) for name in OWN[command]}
+        out = Path(own.pop("out"))
+        return Command(command, stored.read(out).config, out, **own)
     given = _flag(rest, "--config")
     _check_file(Path(given) if given else CONFIGS / "quick.yaml")
     if given is None:
@@ -126,16 +188,22 @@ def parse(arguments: list[str]) -> Command:
     config = replace(config, grid=with_groups(config.grid))
     check(config)
     out = Path(namespace.out) if namespace.out else Path("results") / config.name
-    own = {name: getattr(namespace, name) for name in (n.strip("-") for n in OWN.get(command, ()))}
+    own = {_name(name): getattr(namespace, _name(name)) for name in OWN.get(command, ())}
     return Command(command, config, out, namespace.only, **own)
 
 
 def _parser(command: str) -> ArgumentParser:
     parser = ArgumentParser(
-        prog=f"python -m study.run {command}", description=COMMANDS[command], exit_on_error=False
+        prog=f"python -m study.run {command}",
+        description=COMMANDS[command],
+        epilog=EPILOG.get(command),
+        formatter_class=RawDescriptionHelpFormatter if command in STORED else DefaultHelpFormatter,
+        exit_on_error=False,
     )
     for name, meaning in OWN.get(command, {}).items():
         parser.add_argument(name, **meaning)
+    if command in STORED:
+        return parser
     parser.add_argument(
         "--config", action="config", help="YAML file; configs/quick.yaml by default"
     )
@@ -145,14 +213,22 @@ def _parser(command: str) -> ArgumentParser:
     return parser
 
 
-def _read(parser: ArgumentParser, arguments: list[str]) -> tuple[Config, Any]:
+def _name(argument: str) -> str:
+    return argument.strip("-")
+
+
+def _arguments(parser: ArgumentParser, arguments: list[str]) -> Any:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            namespace = parser.parse_args(arguments)
-            built = parser.instantiate(namespace)
+        return parser.parse_args(arguments)
     except ArgumentError as error:
         raise BadInput(_one_line(error)) from None
+
+
+def _read(parser: ArgumentParser, arguments: list[str]) -> tuple[Config, Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        namespace = _arguments(parser, arguments)
+        built = parser.instantiate(namespace)
     return Config(**{entry.name: getattr(built, entry.name) for entry in fields(Config)}), namespace
 
 
@@ -160,9 +236,13 @@ def _one_line(error: ArgumentError) -> str:
     """`tune.trials: got 'abc'; it must be a whole number`."""
     text = " ".join(str(error).split())
     found = re.search(r'Parser key "([\w.]+)".*(?:Got|Given) value: (.*)$', text)
-    if not found or found.group(1) not in keys():
+    if not found:
         return text
     name, value = found.groups()
+    if "int" in text and any(f"--{name}" in own for own in OWN.values()):
+        return f"--{name}: got '{value}'; it must be a whole number"
+    if name not in keys():
+        return text
     return f"{name}: got '{value}'; it must be {_kind(name)}"
 
 
@@ -189,13 +269,17 @@ def _spell(annotation: Any) -> str:
 
 def _check_flags(command: str, arguments: list[str]) -> None:
     """Every flag is one that the command knows, and stands before a value."""
-    known = ["--config", "--out", "--only", "--help", *(f"--{key}" for key in keys())]
-    known += OWN.get(command, ())
+    own = [name for name in OWN.get(command, ()) if name.startswith("--")]
+    known = ["--help", *own]
+    if command not in STORED:
+        known += ["--config", "--out", "--only", *(f"--{key}" for key in keys())]
     for position, argument in enumerate(arguments):
         flag, has_value, _ = argument.partition("=")
         if not flag.startswith("--"):
             continue
         if flag not in known:
+            if command in STORED:
+                raise BadInput(f"{command} has no '{flag}': {nearest(flag, own)}")
             raise BadInput(f"unknown setting '{flag[2:]}': {_nearest_key(flag[2:])}")
         following = arguments[position + 1 : position + 2]
         if flag != "--help" and not has_value and (not following or following[0][:2] == "--"):

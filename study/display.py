@@ -151,7 +151,13 @@ class Bar(Told):
     def __init__(self, console: Console) -> None:
         super().__init__()
         columns = (TextColumn("{task.description}"), BarColumn(bar_width=30))
-        self._live = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
+        self._live = Progress(
+            *columns,
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
         self._task = self._live.add_task("", total=1.0)
 
     def __enter__(self) -> "Bar":

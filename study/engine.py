@@ -44,11 +44,15 @@ def workers(engine: Engine) -> int:
     return engine.workers or max(1, len(os.sched_getaffinity(0)) // engine.threads)
 
 
+def quiet_rerun() -> None:
+    """Rerun writes its own log to the terminal; of what is meant to be so, it need not warn."""
+    os.environ.setdefault("RUST_LOG", "error")
+
+
 @contextmanager
 def executor(engine: Engine) -> Iterator[Executor]:
     """Start the engine, and stop it afterwards."""
-    # Rerun writes its own log to the terminal; of what is meant to be so, it need not warn.
-    os.environ.setdefault("RUST_LOG", "error")
+    quiet_rerun()
     if engine.kind == "serial":
         yield SerialExecutor()
         return

@@ -54,7 +54,7 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
     error = None
     with _logged(log):
         try:
-            _prepare(task, threads)
+            prepare(task.plugins, threads)
             module = importlib.import_module(f"study.stages.{task.stage}")
             out = store.begin(task, getattr(module, "RESUMABLE", False))
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
@@ -70,11 +70,11 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
     return Outcome(task, meter.read()["seconds"], error)
 
 
-def _prepare(task: Task, threads: int) -> None:
+def prepare(plugins: tuple[str, ...], threads: int) -> None:
     """The same beginning for every task, whichever tasks this process ran before it."""
     import torch
 
-    for plugin in task.plugins:
+    for plugin in plugins:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
     torch.use_deterministic_algorithms(True, warn_only=True)

@@ -13,23 +13,22 @@ from typing import Any
 
 import pandas as pd
 
-from study import __version__, claims
+from study import __version__, checksums, claims
 from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
 from study.grid import Cell
 from study.provenance import made_with, versions
 from study.recording.files import checksum_path
+from study.stored import FORMAT, STUDY
 
-# A results folder of another format is not touched.
-FORMAT = 1
 # Raise it whenever the code changes what the summary holds: then it is written again.
 SUMMARY = 1
 # What the recording of the whole study shows of the tables and of the claims, by title.
 TEXTS = {"Brier scores": "tables/brier_*.md", "Claims": "claims.md", "Scores": "tables/scores_*.md"}
 Records = Mapping[Cell, Task]
-SCORES, CLAIMS, STUDY = "scores.parquet", "claims.json", "study.json"
-TRIALS = "trials.parquet"
+SCORES, TRIALS, CLAIMS = "scores.parquet", "trials.parquet", "claims.json"
+VERDICTS = "claims.md"
 
 
 def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
@@ -79,7 +78,7 @@ def why_not_published(
     for target, source in _cell_files(complete, store, out).items():
         if not same_bytes(source, target):
             return f"{'damaged' if target.exists() else 'missing'}: {target}"
-    return None
+    return next(iter(checksums.problems(out)), None)
 
 
 def draw(out: Path) -> list[Path]:
@@ -112,6 +111,14 @@ def draw(out: Path) -> list[Path]:
         base_rates,
     )
     return [path for script in scripts for path in script.draw(out)]
+
+
+def judge(scores: pd.DataFrame, out: Path) -> list[Path]:
+    """The verdict on every claim, from the scores alone."""
+    verdicts = claims.judge(scores)
+    write_text(out / CLAIMS, claims.to_json(verdicts))
+    write_text(out / VERDICTS, claims.to_markdown(verdicts))
+    return [out / CLAIMS, out / VERDICTS]
 
 
 def _published(out: Path) -> Path:
@@ -152,7 +159,7 @@ def _why_not_current(out: Path, state: str) -> str | None:
 
 def _summary_files(out: Path) -> dict[str, str]:
     """The checksum of every file of the summary."""
-    paths = [out / STUDY, out / SCORES, out / TRIALS, out / CLAIMS, out / "claims.md"]
+    paths = [out / STUDY, out / SCORES, out / TRIALS, out / CLAIMS, out / VERDICTS]
     paths += _whole(out)
     for folder in ("tables", "figures"):
         paths += sorted(path for path in (out / folder).glob("*") if path.is_file())
@@ -207,9 +214,7 @@ def _write_summary(
     scores = scores[[*columns, "value"]]
     _write_parquet(scores, out / SCORES)
     _write_parquet(_trials(store, complete), out / TRIALS)
-    verdicts = claims.judge(scores)
-    write_text(out / CLAIMS, claims.to_json(verdicts))
-    write_text(out / "claims.md", claims.to_markdown(verdicts))
+    judge(scores, out)
     write_json(
         out / STUDY,
         {

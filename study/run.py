@@ -3,15 +3,16 @@
 import importlib
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
 
-from study import compiler
+from study import compiler, stored
 from study.arguments import Command, parse
 from study.artifacts import Store, Task
 from study.display import Display
-from study.engine import executor, workers
+from study.engine import executor, quiet_rerun, workers
 from study.errors import BadInput, StudyError, nearest
 from study.files import read_json
 from study.grid import cells, select
@@ -44,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
             "compare": compare,
             "portrait": portrait,
             "export": export,
+            "forecast": forecast,
+            "verify": verify,
         }[command.command](command)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -61,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_all(command: Command) -> int:
     """Run what is not up to date, then publish."""
-    from study import report, summary
+    from study import checksums, report, summary
 
     config, console, store = command.config, _console(), _store(command)
     chosen = select(cells(config), command.only)
@@ -81,8 +84,10 @@ def run_all(command: Command) -> int:
                 _say(console, f"{task.name}: {why}; it is made again")
         errors = _run_due(command, list(due), store, console) if due else {}
         changed = report.publish(config, records, store, command.out)
-        if due or changed:
+        if due or changed or checksums.problems(command.out):
             summary.write_timings(line_up(records.values()), store, config, command.out)
+            checksums.write(command.out)
+            changed = True
         if not due and not changed:
             _say(console, f"{command.out}: everything is up to date, nothing to run")
         elif not due:
@@ -245,6 +250,60 @@ def export(command: Command) -> int:
     return 0
 
 
+def forecast(command: Command) -> int:
+    """Forecast one scenario, or a plan, with the weights that the study ships."""
+    quiet_rerun()
+    from study.display import Bar
+    from study.forecast import Question, answer, print_answer, read_scenario, save, simulator_of
+    from study.plans import write_plan
+    from study.recording.viewer import open_viewer
+
+    if command.scenario is None and command.file is None:
+        raise BadInput("--scenario: its value is missing; or give a plan with --file")
+    if command.samples is not None and command.samples < 2:
+        raise BadInput(f"--samples: got {command.samples}; it must be at least 2")
+    if command.save is not None and not command.save.endswith(".rrd"):
+        raise BadInput(f"--save: got '{command.save}'; a recording is a .rrd file")
+    study = stored.read(command.out)
+    cell = study.cell(str(command.cell), "--cell")
+    question = Question(
+        study,
+        cell,
+        command.scenario or 0,
+        None if command.file is None else Path(command.file),
+        command.samples,
+    )
+    plan, simulator = read_scenario(question), simulator_of(study, cell.environment)
+    if command.write is not None:
+        write_plan(Path(command.write), simulator, plan)
+        print(command.write)
+        return 0
+    with Bar(_console()) as bar:
+        pick = answer(question, plan, bar)
+    print_answer(_console(), question, simulator, pick)
+    path = Path(command.save or Path(tempfile.mkdtemp(prefix="study-"), "forecast.rrd"))
+    save(path, question, simulator, pick)
+    if command.save is None:
+        open_viewer([path])
+    print(f"\nrecording: {path}")
+    return 0
+
+
+def verify(command: Command) -> int:
+    """Check a study's results: one line a check."""
+    from study.display import Bar
+    from study.verify import verify
+
+    study = stored.read(command.out)
+    cell = None if command.rerun is None else study.cell(command.rerun, "--rerun")
+    console, all_well = _console(), True
+    with Bar(console) as bar:
+        for found in verify(study, cell, bar):
+            _say(console, found.line)
+            all_well &= found.ok
+    return 0 if all_well else 1
+
+
 def _store(command: Command) -> Store:
     return Store(command.out / "work")
 
@@ -276,22 +335,20 @@ def _check_out(out: Path) -> None:
     Raises:
         BadInput: it cannot, or is not.
     """
-    from study.report import FORMAT, STUDY
-
     parent = out
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise _cannot_write(out)
-    if (out / STUDY).exists():
+    if (out / stored.STUDY).exists():
         try:
-            found = read_json(out / STUDY).get("format")
+            found = read_json(out / stored.STUDY).get("format")
         except (OSError, ValueError, AttributeError):
             return  # damaged: it is written again
-        if found != FORMAT:
+        if found != stored.FORMAT:
             raise BadInput(
                 f"--out: {out} was made by another version (format {found}, this one writes "
-                f"{FORMAT}); give another --out"
+                f"{stored.FORMAT}); give another --out"
             )
 
 

@@ -20,11 +20,13 @@ class StackedLinear(nn.Module):
         bound = inputs**-0.5
         self.weight = nn.Parameter(torch.empty(members, inputs, outputs).uniform_(-bound, bound))
         self.bias = nn.Parameter(torch.zeros(members, 1, outputs), requires_grad=bias)
+        # Not read from the parameter: one that is frozen counts all the same.
+        self.biased = bias
 
     def forward(self, values: Tensor) -> Tensor:
         """See the class."""
         product = values @ self.weight
-        return product + self.bias if self.bias.requires_grad else product
+        return product + self.bias if self.biased else product
 
 
 class Members(nn.Module):

@@ -20,6 +20,7 @@ class ResidualCrps(CrpsGenerator):
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
+    version = 2
     uses_ensemble = True
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any], ensemble: Ensemble) -> None:

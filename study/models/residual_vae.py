@@ -20,6 +20,7 @@ class ResidualVae(Vae):
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
+    version = 2
     uses_ensemble = True
 
     def __init__(

@@ -25,7 +25,7 @@ FANS = 20
 
 Floats = NDArray[np.float32]
 
-_README = """
+README = """
 # Forecasts
 
 Each tab is one scenario of the test set, chosen by the rule that its panel states. From the same
@@ -60,8 +60,8 @@ class Pick:
     """One scenario to look at.
 
     Attributes:
-        scenario: its index in the test set.
-        rule: why it was chosen; what stands before a colon names its tab.
+        scenario: its index in the test set; None if it was not chosen there by a rule.
+        rule: why it was chosen, or what it is; what stands before a colon names its tab.
         s0: [D].
         actions: [T, A].
         task: [G].
@@ -75,7 +75,7 @@ class Pick:
         epistemic: [T] m², the epistemic part.
     """
 
-    scenario: int
+    scenario: int | None
     rule: str
     s0: Floats
     actions: Floats
@@ -99,23 +99,37 @@ class Pick:
 
 
 def record_forecast(
-    path: Path, simulator: "Simulator", picks: Sequence[Pick], properties: Properties
+    path: Path,
+    simulator: "Simulator",
+    picks: Sequence[Pick],
+    properties: Properties,
+    readme: str = README,
+    notes: str = "",
 ) -> None:
-    """Write the recording of some scenarios' forecasts."""
+    """Write the recording of some scenarios' forecasts.
+
+    Args:
+        path: the recording.
+        simulator: the real system.
+        picks: the scenarios, a tab each.
+        properties: where the forecasts come from.
+        readme: Markdown, what the recording is.
+        notes: Markdown for the panel of each scenario, before how to read it.
+    """
     titles = _titles(picks)
     roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
     quantiles = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
     design = _design(simulator, picks, roots, quantiles)
     # Hundreds of small entities: an index of them would be larger than what it points to.
     with recording(path, KIND, properties, design, footer=False) as stream:
-        write_readme(stream, _README, properties)
+        write_readme(stream, readme, properties)
         model = simulator.scene()
         fixed = scenes.fixed_bodies(model)
         scenes.log_bodies(stream, "/scene", model, fixed)
         if picks:
             scenes.log_poses(stream, "/scene", model, fixed, simulator.configuration(picks[0].s0))
         for root, pick, (observed, forecast) in zip(roots.values(), picks, quantiles, strict=True):
-            _log_about(stream, root, simulator, pick)
+            _log_about(stream, root, simulator, pick, notes)
             _log_scene(stream, f"{root}/scene", simulator, model, pick)
             fans.log_paths(
                 stream,
@@ -175,16 +189,19 @@ def _design(
     return blueprints.forecast(roots, views, eyes, split)
 
 
-def _log_about(stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick) -> None:
+def _log_about(
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick, notes: str
+) -> None:
     observed = success_so_far(simulator, pick.observed, pick.task)[-1]
     forecast = success_so_far(simulator, pick.forecast, pick.task)[-1]
     seconds = simulator.control_step * len(pick.actions)
+    chosen = f"Scenario {pick.scenario}, chosen by this rule: *{pick.rule}*."
     text = (
-        f"# {pick.title}\n\nScenario {pick.scenario}, chosen by this rule: *{pick.rule}*.\n\n"
+        f"# {pick.title}\n\n{f'*{pick.rule}*' if pick.scenario is None else chosen}\n\n"
         f"Success within {seconds:.3g} s ({len(pick.actions)} steps): "
         f"**forecast {forecast:.0%}**, **observed {observed:.0%}** "
         f"of {len(pick.forecast)} and {len(pick.observed)} runs.\n\n"
-        f"## How to read it\n{_HOW_TO_READ}"
+        f"{notes and notes + chr(10) * 2}## How to read it\n{_HOW_TO_READ}"
     )
     if pick.members is not None:
         text += _OF_MEMBERS.format(members=len(pick.members))

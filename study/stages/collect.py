@@ -18,7 +18,7 @@ from study import __version__
 from study.data.moments import moments
 from study.data.storage import load_parts
 from study.data.trajectories import ScenarioSet, Trajectories, save_all
-from study.envs import Simulator, Variable, simulators
+from study.envs import Scenarios, Simulator, Variable, simulators
 from study.files import write_json
 from study.metrics.mmd import bandwidths
 from study.progress import Progress
@@ -80,28 +80,35 @@ def observe_trajectories(
     facts = _facts(simulator, seed)
     for start in range(0, count, CHUNK):
         chunk = slice(start, start + CHUNK)
-        scenarios = simulator.draw(scenario_seeds[chunk])
-        actions = simulator.plan(scenarios, scenario_seeds[chunk])
+        scenarios, actions = draw_planned(simulator, scenario_seeds[chunk])
         rollout = simulator.rollout(scenarios.s0, actions, noise_seeds[chunk])
         yield Trajectories(rollout.states, actions, scenarios.task, rollout.hidden, facts)
         progress(min(1.0, (start + CHUNK) / count), f"{simulator.name}: training trajectories")
 
 
 def trajectory_seeds(seed: int, count: int) -> tuple[Seeds, Seeds]:
-    """Of each trajectory, the seed of its scenario [count] and that of its noise [count]."""
+    """Of each trajectory, or scenario, the seed of how it begins [count] and of its noise [count].
+
+    The first n do not depend on `count`.
+    """
     return spawn(derive(seed, "scenario"), count), spawn(seed, count)
+
+
+def draw_planned(simulator: Simulator, seeds: Seeds) -> tuple[Scenarios, np.ndarray]:
+    """A scenario for each seed [N], and what is planned for it, [N, T, A]."""
+    scenarios = simulator.draw(seeds)
+    return scenarios, simulator.plan(scenarios, seeds)
 
 
 def observe_scenarios(
     simulator: Simulator, count: int, rollouts: int, seed: int, progress: Progress
 ) -> Iterator[ScenarioSet]:
     """`count` scenarios, each rolled out `rollouts` times with noise of its own; some at a time."""
-    scenario_seeds = spawn(derive(seed, "scenario"), count)
-    scenarios = simulator.draw(scenario_seeds)
-    actions = simulator.plan(scenarios, scenario_seeds)
+    scenario_seeds, noise_seeds = trajectory_seeds(seed, count)
+    scenarios, actions = draw_planned(simulator, scenario_seeds)
     facts, done = _facts(simulator, seed), 0
     for observed, hidden in repeat_rollouts(
-        simulator, scenarios.s0, actions, rollouts, spawn(seed, count), progress
+        simulator, scenarios.s0, actions, rollouts, noise_seeds, progress
     ):
         part = slice(done, done + len(observed))
         s0, task = scenarios.s0[part], scenarios.task[part]

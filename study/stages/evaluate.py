@@ -74,7 +74,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     )
     scores.to_parquet(out / "scores.parquet", index=False)
     chosen = pick_scenarios(scores, evaluate["picks"])
-    arrays = _picked(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
+    arrays = picked(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
     save_arrays(out / "picks.safetensors", arrays, {"rules": list(chosen)})
     if "members" in arrays:
         illustration, facts = illustrate(simulator, arrays, list(chosen))
@@ -173,7 +173,7 @@ def pick_scenarios(scores: pd.DataFrame, count: int) -> dict[str, int]:
     return chosen
 
 
-def _picked(
+def picked(
     forecaster: Forecaster,
     test: ScenarioSet,
     forecasts: Floats,

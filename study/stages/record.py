@@ -8,15 +8,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from study.artifacts import MANIFEST
-from study.data.storage import load_arrays
+from study.data.storage import Arrays, load_arrays
+from study.data.trajectories import Floats
 from study.envs import simulators
 from study.envs.simulator import Simulator
 from study.files import copy, read_json
 from study.grid import Cell
-from study.metrics.variance import decompose
+from study.metrics.variance import Decomposition, decompose
 from study.progress import Progress
 from study.provenance import made_with
 from study.recording.files import checksum_path
@@ -76,16 +79,41 @@ def read_picks(path: Path, scores: pd.DataFrame, simulator: Simulator) -> list[P
     discrepancy = scores[
         (scores.metric == "mmd2") & (scores.step == -1) & (scores.dimension == "all")
     ].set_index("scenario")["value"]
+    return [
+        as_pick(
+            arrays,
+            row,
+            simulator,
+            int(scenario),
+            f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}",
+        )
+        for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True))
+    ]
+
+
+def as_pick(
+    arrays: Arrays, row: int, simulator: Simulator, scenario: int | None, rule: str
+) -> Pick:
+    """One row of what stage evaluate keeps of its picks; with an ensemble, the spread in parts."""
     each = ("s0", "actions", "task", "observed", "forecast", "member", "members")
-    picks = []
-    for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True)):
-        of_pick = {name: arrays[name][row] for name in each if name in arrays}
-        if "member" in of_pick:
-            position = simulator.position(of_pick["forecast"])
-            # Unbiased: of few samples a member, the members' means differ by chance too.
-            parts = decompose(position[None], of_pick["member"][None])
-            of_pick["aleatoric"] = parts.aleatoric.sum(axis=-1)
-            of_pick["epistemic"] = parts.epistemic.sum(axis=-1)
-        title = f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}"
-        picks.append(Pick(scenario=int(scenario), rule=title, **of_pick))
-    return picks
+    of_pick = {name: arrays[name][row] for name in each if name in arrays}
+    if "member" in of_pick:
+        parts = position_variance(simulator, of_pick["forecast"], of_pick["member"])
+        of_pick |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
+    return Pick(scenario=scenario, rule=rule, **of_pick)
+
+
+def position_variance(
+    simulator: Simulator, states: Floats, member: NDArray[np.int64] | None = None
+) -> Decomposition:
+    """Variance of the position over the horizon [T] in m², summed over its axes, and its parts.
+
+    Unbiased: of few samples a member, the members' means differ by chance too.
+
+    Args:
+        simulator: knows the position.
+        states: [K, T, D].
+        member: [K], the ensemble member behind each; None without an ensemble.
+    """
+    parts = decompose(simulator.position(states)[None], None if member is None else member[None])
+    return Decomposition(*(part.sum(axis=-1) for part in vars(parts).values()))

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from study.data.scaling import Scaling
 from study.models import models
+from study.models.ensemble import Ensemble
 from study.seeds import spawn
-from study.stages.weights import load_model, save_model
-from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
+from study.stages.weights import build, load_model, save_model
+from tests.models.common import ACTION, HORIZON, STATE, model, settings, trajectories
 
 NAMES = [
     "residual_vae",
@@ -101,6 +103,17 @@ def test_a_member_is_kept_over_the_horizon() -> None:
     # Uniform over the three members: each is drawn by about a third of the samples.
     shares = np.bincount(distance.argmin(axis=2).ravel(), minlength=3) / 250
     assert (np.abs(shares - 1 / 3) < 0.12).all()
+
+
+@pytest.mark.parametrize("name", ["residual_vae", "residual_crps"])
+def test_an_ensemble_forecasts_in_a_model_as_it_does_alone(name: str) -> None:
+    ensemble: Any = model("ensemble")
+    for index, parameter in enumerate(ensemble.parameters()):
+        torch.nn.init.normal_(parameter, generator=torch.Generator().manual_seed(index))
+    alone = ensemble.forecast(*given()[:2], 4, given()[2])
+    inner = build(name, Scaling.of(trajectories()), settings(), 0.1, ensemble).ensemble
+    assert isinstance(inner, Ensemble)
+    np.testing.assert_array_equal(inner.forecast(*given()[:2], 4, given()[2]), alone)
 
 
 def test_batches_have_the_sizes_of_the_data() -> None:
