@@ -112,8 +112,10 @@ class Vae:
     Args:
         hidden_size: width of the encoder's and the decoder's GRU.
         latent_size: components of z_t.
-        feeding: the decoder's state history in training: its own predictions (`free`), the true
-            states (`teacher`), or first the true ones and then its own (`schedule`).
+        residual_feeding: the residual decoder's state history in training: its own predictions
+            (`free`), the true states (`teacher`), or first the true ones and then its own
+            (`schedule`).
+        full_feeding: the same of the full decoder.
         residual_output: the residual decoder gives ε_{t+1} (`direct`) or its change (`increment`).
         full_output: the full decoder gives s_{t+1} (`direct`) or its change (`increment`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
@@ -123,8 +125,9 @@ class Vae:
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    feeding: str = setting("schedule", choices=("free", "teacher", "schedule"))
-    residual_output: str = setting("direct", choices=("direct", "increment"))
+    residual_feeding: str = setting("teacher", choices=("free", "teacher", "schedule"))
+    full_feeding: str = setting("schedule", choices=("free", "teacher", "schedule"))
+    residual_output: str = setting("increment", choices=("direct", "increment"))
     full_output: str = setting("increment", choices=("direct", "increment"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))

@@ -19,7 +19,8 @@ class FullVae(Vae):
     """
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any], beta: float) -> None:
-        super().__init__(scaling, settings, beta, settings["vae"]["full_output"])
+        vae = settings["vae"]
+        super().__init__(scaling, settings, beta, vae["full_output"], vae["full_feeding"])
 
     def conditions(
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None

@@ -26,8 +26,8 @@ class ResidualVae(Vae):
     def __init__(
         self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
     ) -> None:
-        output = settings["vae"]["residual_output"]
-        super().__init__(scaling, settings, beta, output, len(scaling.state_mean))
+        output, feeding = settings["vae"]["residual_output"], settings["vae"]["residual_feeding"]
+        super().__init__(scaling, settings, beta, output, feeding, len(scaling.state_mean))
         self.ensemble = ensemble.requires_grad_(False)
 
     def members_count(self) -> int:

@@ -22,6 +22,7 @@ class Vae(Model):
         settings: the sections `vae` and `train` of the configuration.
         beta: β of equation (12).
         output: what the decoder gives, the target (`direct`) or its change (`increment`).
+        feeding: the decoder's state history in training (`study.config.Vae`).
         extra_conditions: size of what the decoder sees beside the actions.
     """
 
@@ -34,11 +35,12 @@ class Vae(Model):
         settings: dict[str, Any],
         beta: float,
         output: str,
+        feeding: str,
         extra_conditions: int = 0,
     ) -> None:
         super().__init__(scaling, settings)
         vae = settings["vae"]
-        self.beta, self.noise_size = beta, int(vae["latent_size"])
+        self.beta, self.feeding, self.noise_size = beta, feeding, int(vae["latent_size"])
         increments = output == "increment"
         self.cvae = RecurrentCvae(
             self.change_scale if increments else torch.ones_like(self.change_scale),
@@ -69,8 +71,8 @@ class Vae(Model):
 
     def is_taught(self, step: int) -> bool:
         """Whether the decoder is now fed the true states instead of its own predictions."""
-        if self.settings["vae"]["feeding"] != "schedule":
-            return bool(self.settings["vae"]["feeding"] == "teacher")
+        if self.feeding != "schedule":
+            return self.feeding == "teacher"
         return bool(step < TAUGHT * self.settings["train"]["steps"])
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:

@@ -27,7 +27,7 @@ NAMES = [
 ]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("full_vae", {"full_output": "direct"}),
-    ("residual_vae", {"residual_output": "increment"}),
+    ("residual_vae", {"residual_output": "direct"}),
     ("residual_vae", {"encoder": "history"}),
     ("probabilistic_ensemble", {"propagation": "step"}),
 ]

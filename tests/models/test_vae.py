@@ -185,7 +185,7 @@ def test_the_encoder_is_causal(sees_target: bool) -> None:
 def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
     name: str, feeding: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    vae = model(name, feeding=feeding)
+    vae = model(name, residual_feeding=feeding, full_feeding=feeding)
     monkeypatch.setattr(vae, "log_dict", lambda *_, **__: None)
     before = {k: v.clone() for k, v in vae.state_dict().items() if k.startswith("ensemble")}
     optimizer = torch.optim.Adam([p for p in vae.parameters() if p.requires_grad], 1e-2)
