@@ -31,7 +31,7 @@ def source_revision() -> str:
     files = {
         path.relative_to(SOURCE).as_posix(): sha256(path)
         for path in SOURCE.rglob("*")
-        if path.suffix in (".py", ".xml")
+        if path.suffix in (".py", ".c", ".xml")
     }
     return digest(files)
 

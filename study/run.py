@@ -13,18 +13,15 @@ from study.arguments import Command, parse
 from study.artifacts import Store, Task
 from study.display import Display
 from study.engine import executor, quiet_rerun, workers
-from study.errors import BadInput, StudyError, nearest
+from study.errors import BadInput, StudyError
 from study.files import read_json
 from study.grid import cells, select
 from study.lock import locked
+from study.opening import check_cell, known_cells, recording_of
 from study.planned import line_up, record_tasks, remember
 from study.scheduler import run_tasks
 
 # torch, lightning and mujoco take seconds to import: only the commands that need them do.
-
-KINDS = ("forecast", "scores", "training", "tuning")
-# What `view` takes in place of a cell.
-WHOLE = "study"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -159,7 +156,7 @@ def view(command: Command) -> int:
     """Open a recording; or, with no screen, write pictures of all its views."""
     from study.recording.viewer import open_viewer, screenshots
 
-    path = _recording(command)
+    path = recording_of(command)
     if command.save is None:
         open_viewer([path])
         return 0
@@ -177,44 +174,13 @@ def compare(command: Command) -> int:
     """Cells side by side."""
     from study import compare
 
-    known = [cell.name for cell in cells(command.config)]
+    known = [cell.name for cell in known_cells(command)]
     for name in command.cells:
-        _check_cell(name, known)
+        check_cell(name, known)
     folder = command.out / "recordings"
     differing, scores = compare.compare({n: folder / n / "scores.rrd" for n in command.cells})
     compare.print_comparison(_console(), differing, scores)
     return 0
-
-
-def _recording(command: Command) -> Path:
-    """The recording that `view` is to open: of a cell, of an environment's data, of the study.
-
-    Raises:
-        BadInput: there is no such cell or kind.
-        StudyError: it has not been made.
-    """
-    recordings, name = command.out / "recordings", str(command.cell)
-    environments = list(command.config.grid.environments)
-    if name in environments:
-        path = recordings / name / "data.rrd"
-    elif name == WHOLE:
-        path = recordings / "study.rrd"
-    else:
-        _check_cell(name, [*(c.name for c in cells(command.config)), *environments, WHOLE])
-        if command.kind not in KINDS:
-            raise BadInput(f"--kind: got '{command.kind}'; {nearest(command.kind, KINDS)}")
-        path = recordings / name / f"{command.kind}.rrd"
-    if not path.is_file():
-        there = sorted(file.stem for file in (recordings / name).glob("*.rrd"))
-        kinds = ", ".join(kind for kind in there if kind in KINDS)
-        hint = f"--kind: {kinds}" if kinds else "python -m study.run all"
-        raise StudyError(f"there is no recording {path}; there is {hint}")
-    return path
-
-
-def _check_cell(name: str, known: list[str]) -> None:
-    if name not in known:
-        raise BadInput(f"unknown cell '{name}': {nearest(name, known)}")
 
 
 def portrait(command: Command) -> int:

@@ -100,6 +100,24 @@ def test_view_opens_by_name(
     assert opened == [path]
 
 
+def test_view_knows_the_cells_of_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A study of other seeds than the configuration's is opened by its folder alone."""
+    opened: list[Path] = []
+    monkeypatch.setattr(viewer, "open_viewer", opened.extend)
+    name = "uav/low/full_vae/seed-7"
+    path = tmp_path / "recordings" / name / "forecast.rrd"
+    path.parent.mkdir(parents=True)
+    path.touch()
+    assert main(["view", name, "--out", str(tmp_path)]) == 2
+    assert f"unknown cell '{name}'" in capsys.readouterr().err
+    facts = {"format": 1, "settings": {"grid": {"seeds": [7]}}, "cells": [], "versions": {}}
+    (tmp_path / "study.json").write_text(json.dumps(facts))
+    assert main(["view", name, "--out", str(tmp_path)]) == 0
+    assert opened == [path]
+
+
 def test_saving_pictures_without_a_driver_is_one_line(
     out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -92,7 +92,7 @@ class CrpsGenerator(Model):
             members: [S, M, T, D], the ensemble's forecasts where they are at hand.
         """
 
-    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
+    def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """m free forecasts of each trajectory, each from a member of its own, and their score."""
         states, actions, crps = batch["states"], batch["actions"], self.settings["crps"]
         s0, truth, samples = states[:, 0], states[:, 1:], crps["samples"]
@@ -112,8 +112,7 @@ class CrpsGenerator(Model):
             change, true_change = (x[:, LAG:] - x[:, :-LAG] for x in (forecasts, truth))
             moved = fair_score(change, true_change).mean()
             loss = loss + crps["increments"] * moved.clamp(min=_LEAST).log()
-        self.tell({"loss": loss, "loss/crps": each.mean(), "loss/energy_score": joint})
-        return loss
+        return {"loss": loss, "loss/crps": each.mean(), "loss/energy_score": joint}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`."""
