@@ -37,7 +37,7 @@ COLOURS = {
 }
 """Okabe and Ito's palette, which people with any colour vision tell apart; then Paul Tol's."""
 
-CYCLE = ("#000000", "#44AA99", "#F0E442")
+CYCLE = ("#44AA99", "#F0E442", "#000000")
 """For models of your own."""
 
 DASHES = (0, (3, 1.5))

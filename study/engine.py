@@ -84,7 +84,8 @@ def executor(engine: Engine) -> Iterator[Executor]:
             n_workers=workers(engine),
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            # Any free port: with none, Dask takes one and the same, and a second study complains.
+            dashboard_address="127.0.0.1:0",
             memory_limit=0,
             silence_logs="CRITICAL",
         ) as cluster,
