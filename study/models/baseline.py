@@ -1,10 +1,56 @@
 """What a decoder adds to, b_{0:T}, and the conditions that it sees at every step."""
 
+from abc import abstractmethod
+
 import torch
 from torch import Tensor
 
 from study.models.ensemble import Ensemble
-from study.models.forecaster import each_sample
+from study.models.forecaster import Model, each_sample
+
+
+class OnBaseline(Model):
+    """A model whose decoder adds to a baseline; `OnMembers` and `OnNothing` say which."""
+
+    @abstractmethod
+    def conditions(
+        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
+
+        Args:
+            s0: [S, D].
+            actions: [S, T, A].
+            member: m [S, K].
+            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
+        """
+
+
+class OnMembers(OnBaseline):
+    """b = ŷ_m, a member of the fitted `ensemble`, which is not trained further."""
+
+    uses_ensemble = True
+    ensemble: Ensemble
+
+    def members_count(self) -> int:
+        """M."""
+        return self.ensemble.members_count()
+
+    def conditions(
+        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """See `OnBaseline.conditions`: b = ŷ_m."""
+        return of_members(self.ensemble, s0, actions, member, members)
+
+
+class OnNothing(OnBaseline):
+    """b = 0: the decoder gives the state itself."""
+
+    def conditions(
+        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """See `OnBaseline.conditions`: b = 0."""
+        return of_nothing(s0, actions, member.shape[1])
 
 
 def of_members(

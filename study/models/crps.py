@@ -11,15 +11,15 @@ and y observed,
 estimated without bias for any m ≥ 2 (the fair form: pairs of one and the same forecast left out).
 """
 
-from abc import abstractmethod
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from study.data.scaling import Scaling
+from study.models.baseline import OnBaseline
 from study.models.decoder import RecurrentDecoder
-from study.models.forecaster import Model, each_sample
+from study.models.forecaster import each_sample
 
 # Steps between two states whose difference is scored as an increment.
 LAG = 5
@@ -49,7 +49,7 @@ def _norm(vectors: Tensor) -> Tensor:
     return (vectors.square().sum(-1) + 1e-12).sqrt()
 
 
-class CrpsGenerator(Model):
+class CrpsGenerator(OnBaseline):
     """A recurrent decoder on a baseline, driven by noise; a subclass says which baseline.
 
     The first components of the noise stay for the whole trajectory, for what is hidden and lasts
@@ -78,19 +78,6 @@ class CrpsGenerator(Model):
             crps["noise_size"],
             increments=increments,
         )
-
-    @abstractmethod
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
-
-        Args:
-            s0: [S, D].
-            actions: [S, T, A].
-            member: m [S, K].
-            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
-        """
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """m free forecasts of each trajectory, each from a member of its own, and their score."""

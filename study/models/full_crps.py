@@ -2,16 +2,14 @@
 
 from typing import Any
 
-from torch import Tensor
-
 from study.data.scaling import Scaling
-from study.models.baseline import of_nothing
+from study.models.baseline import OnNothing
 from study.models.crps import CrpsGenerator
 from study.models.forecaster import models
 
 
 @models.register("full_crps")
-class FullCrps(CrpsGenerator):
+class FullCrps(OnNothing, CrpsGenerator):
     """`ResidualCrps` with nothing to add to: the baseline is zero.
 
     Args:
@@ -20,9 +18,3 @@ class FullCrps(CrpsGenerator):
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
         super().__init__(scaling, settings, settings["crps"]["full_output"])
-
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """See `CrpsGenerator.conditions`: b = 0."""
-        return of_nothing(s0, actions, member.shape[1])

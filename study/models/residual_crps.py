@@ -2,17 +2,15 @@
 
 from typing import Any
 
-from torch import Tensor
-
 from study.data.scaling import Scaling
-from study.models.baseline import of_members
+from study.models.baseline import OnMembers
 from study.models.crps import CrpsGenerator
 from study.models.ensemble import Ensemble
 from study.models.forecaster import models
 
 
 @models.register("residual_crps")
-class ResidualCrps(CrpsGenerator):
+class ResidualCrps(OnMembers, CrpsGenerator):
     """ŝ_pred = ε̂_alea + ŷ_m as in the residual VAE, without the VAE.
 
     Args:
@@ -21,19 +19,8 @@ class ResidualCrps(CrpsGenerator):
     """
 
     version = 2
-    uses_ensemble = True
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any], ensemble: Ensemble) -> None:
         output = settings["crps"]["residual_output"]
         super().__init__(scaling, settings, output, len(scaling.state_mean))
         self.ensemble = ensemble.requires_grad_(False)
-
-    def members_count(self) -> int:
-        """M."""
-        return self.ensemble.members_count()
-
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """See `CrpsGenerator.conditions`: b = ŷ_m."""
-        return of_members(self.ensemble, s0, actions, member, members)

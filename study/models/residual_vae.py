@@ -2,17 +2,15 @@
 
 from typing import Any
 
-from torch import Tensor
-
 from study.data.scaling import Scaling
-from study.models.baseline import of_members
+from study.models.baseline import OnMembers
 from study.models.ensemble import Ensemble
 from study.models.forecaster import models
 from study.models.vae import Vae
 
 
 @models.register("residual_vae")
-class ResidualVae(Vae):
+class ResidualVae(OnMembers, Vae):
     """ŝ_pred = ε̂_alea + ŷ_m, with m drawn uniformly and kept over the horizon.
 
     Args:
@@ -21,7 +19,6 @@ class ResidualVae(Vae):
     """
 
     version = 2
-    uses_ensemble = True
 
     def __init__(
         self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
@@ -29,13 +26,3 @@ class ResidualVae(Vae):
         output, feeding = settings["vae"]["residual_output"], settings["vae"]["residual_feeding"]
         super().__init__(scaling, settings, beta, output, feeding, len(scaling.state_mean))
         self.ensemble = ensemble.requires_grad_(False)
-
-    def members_count(self) -> int:
-        """M."""
-        return self.ensemble.members_count()
-
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """See `Vae.conditions`: b = ŷ_m."""
-        return of_members(self.ensemble, s0, actions, member, members)

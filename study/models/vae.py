@@ -1,20 +1,20 @@
 """What the residual VAE and the full VAE share: how the recurrent CVAE is fitted and sampled."""
 
-from abc import abstractmethod
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from study.data.scaling import Scaling
+from study.models.baseline import OnBaseline
 from study.models.cvae import RecurrentCvae
-from study.models.forecaster import Model, each_sample
+from study.models.forecaster import each_sample
 
 # With feeding `schedule`, this share of the steps is taught with the true states.
 TAUGHT = 0.3
 
 
-class Vae(Model):
+class Vae(OnBaseline):
     """A recurrent conditional VAE on a baseline; a subclass says which baseline.
 
     Args:
@@ -50,19 +50,6 @@ class Vae(Model):
             increments=increments,
             sees_target=vae["encoder"] == "target",
         )
-
-    @abstractmethod
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
-
-        Args:
-            s0: [S, D].
-            actions: [S, T, A].
-            member: m [S, K].
-            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
-        """
 
     def draw_training_members(self, count: int, device: torch.device) -> Tensor:
         """m [B] for a training batch (Algorithm 1, line 4)."""
