@@ -5,35 +5,18 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from study.paper import (
-    ENSEMBLE,
-    FULL,
-    FULL_CRPS,
-    FULL_ENSEMBLE,
-    MLP,
-    MLP_ENSEMBLE,
-    ORACLE,
-    RESIDUAL,
-    RESIDUAL_CRPS,
-    RESIDUAL_ENSEMBLE,
-)
+from study.paper import ENSEMBLE, ORACLE
+from study.recording.palette import MODELS
 
 COLUMN_WIDTH = 3.5
 """Inches: one column of a two-column paper."""
 
 COLOURS = {
-    RESIDUAL: "#0072B2",
-    FULL: "#D55E00",
-    MLP: "#009E73",
-    RESIDUAL_CRPS: "#56B4E9",
-    FULL_CRPS: "#E69F00",
-    RESIDUAL_ENSEMBLE: "#332288",
-    FULL_ENSEMBLE: "#882255",
-    MLP_ENSEMBLE: "#999933",
-    ENSEMBLE: "#CC79A7",
-    ORACLE: "#777777",
+    model: to_hex((red / 255, green / 255, blue / 255))
+    for model, (red, green, blue, _) in MODELS.items()
 }
 """Okabe and Ito's palette, which people with any colour vision tell apart; then Paul Tol's."""
 
