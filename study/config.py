@@ -112,12 +112,11 @@ class Vae:
     Args:
         hidden_size: width of the encoder's and the decoder's GRU.
         latent_size: components of z_t.
-        residual_feeding: the residual decoder's state history in training: its own predictions
-            (`free`), the true states (`teacher`), or first the true ones and then its own
-            (`schedule`).
-        full_feeding: the same of the full decoder.
-        residual_output: the residual decoder gives ε_{t+1} (`direct`) or its change (`increment`).
-        full_output: the full decoder gives s_{t+1} (`direct`) or its change (`increment`).
+        feeding: the decoder's state history in training: its own predictions (`free`), the true
+            states (`teacher`), or first the true ones and then its own (`schedule`).
+        output: the decoder gives its target (`direct`), ε_{t+1} or s_{t+1}, or the target's change
+            (`increment`).
+        forecast: a forecast state is drawn from p_θ(s_{t+1} | ·) (`draw`) or is its mean (`mean`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
         member: m is drawn for each trajectory of a batch (`sample`) or once for all (`batch`).
@@ -125,10 +124,9 @@ class Vae:
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    residual_feeding: str = setting("teacher", choices=("free", "teacher", "schedule"))
-    full_feeding: str = setting("schedule", choices=("free", "teacher", "schedule"))
-    residual_output: str = setting("increment", choices=("direct", "increment"))
-    full_output: str = setting("increment", choices=("direct", "increment"))
+    feeding: str = setting("teacher", choices=("free", "teacher", "schedule"))
+    output: str = setting("increment", choices=("direct", "increment"))
+    forecast: str = setting("draw", choices=("draw", "mean"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))
 

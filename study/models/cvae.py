@@ -29,6 +29,9 @@ class RecurrentCvae(nn.Module):
         sees_target: the encoder sees x_{t+1} beside s_t and the condition.
     """
 
+    variance: Tensor
+    """σ² of p_θ(s_{t+1} | ·) = N(ŝ_{t+1}, σ²) in each dimension, [D]: see `measure`."""
+
     def __init__(
         self,
         output_scale: Tensor,
@@ -41,6 +44,7 @@ class RecurrentCvae(nn.Module):
         super().__init__()
         state_size = len(output_scale)
         self.sees_target = sees_target
+        self.register_buffer("variance", torch.ones(state_size))
         seen = state_size * (2 if sees_target else 1) + condition_size
         self.encoder_driven = nn.Linear(seen, 3 * hidden_size)
         self.encoder_recurrent = nn.Linear(hidden_size, 3 * hidden_size)
@@ -86,6 +90,19 @@ class RecurrentCvae(nn.Module):
         likelihood = negative_log_likelihood(squared_error).sum()
         divergence = kl_from_standard_normal(mean, log_variance).mean()
         return likelihood + beta * divergence, likelihood, divergence
+
+    @torch.no_grad()
+    def measure(self, prediction: Tensor, truth: Tensor, share: float) -> None:
+        """Take a batch into the running mean of σ², by the share given.
+
+        `loss` has σ at its best for each batch; forecasts need the one of all data.
+
+        Args:
+            prediction: ŝ_{1:T} [B, T, D].
+            truth: s_{1:T} [B, T, D].
+            share: of this batch in the mean; 1 forgets what was before.
+        """
+        self.variance.lerp_((truth - prediction).square().mean((0, 1)), share)
 
 
 def kl_from_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

@@ -47,6 +47,7 @@ class RecurrentDecoder(nn.Module):
         condition: Tensor,
         latent: Tensor,
         truth: Tensor | None = None,
+        innovation: Tensor | None = None,
     ) -> Tensor:
         """ŝ_{1:T} [B, T, D].
 
@@ -58,6 +59,7 @@ class RecurrentDecoder(nn.Module):
             condition: [B, T, C].
             latent: z_{0:T-1} [B, T, Z].
             truth: s_{0:T-1} [B, T, D]: teacher forcing.
+            innovation: noise that is added to ŝ_{1:T} before it is fed back, [B, T, D].
         """
         hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
         inputs = torch.cat([condition, latent], -1)
@@ -67,6 +69,8 @@ class RecurrentDecoder(nn.Module):
         # ŝ_{t+1} = x̂_{t+1} + b_{t+1}, and the state ŝ_t itself holds x̂_t + b_t.
         drift = baseline[:, 1:] - baseline[:, :-1] if self.increments else baseline[:, 1:]
         keep = float(self.increments)
+        if innovation is not None:
+            drift = drift + innovation
         if truth is None:
             drift = drift + offset
             return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)

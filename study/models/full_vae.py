@@ -1,8 +1,5 @@
 """The full VAE: the recurrent CVAE on the state itself (section III-C; Acharya et al. 2022)."""
 
-from typing import Any
-
-from study.data.scaling import Scaling
 from study.models.baseline import OnNothing
 from study.models.forecaster import models
 from study.models.vae import Vae
@@ -16,6 +13,4 @@ class FullVae(OnNothing, Vae):
         scaling, settings, beta: see `Vae`.
     """
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any], beta: float) -> None:
-        vae = settings["vae"]
-        super().__init__(scaling, settings, beta, vae["full_output"], vae["full_feeding"])
+    version = 2

@@ -18,11 +18,10 @@ class ResidualVae(OnMembers, Vae):
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
-    version = 2
+    version = 3
 
     def __init__(
         self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
     ) -> None:
-        output, feeding = settings["vae"]["residual_output"], settings["vae"]["residual_feeding"]
-        super().__init__(scaling, settings, beta, output, feeding, len(scaling.state_mean))
+        super().__init__(scaling, settings, beta, len(scaling.state_mean))
         self.ensemble = ensemble.requires_grad_(False)

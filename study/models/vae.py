@@ -13,6 +13,9 @@ from study.models.forecaster import each_sample
 # With feeding `schedule`, this share of the steps is taught with the true states.
 TAUGHT = 0.3
 
+# Share of the last batch in the running mean that is σ².
+RENEWED = 0.05
+
 
 class Vae(OnBaseline):
     """A recurrent conditional VAE on a baseline; a subclass says which baseline.
@@ -21,8 +24,6 @@ class Vae(OnBaseline):
         scaling: standard units.
         settings: the sections `vae` and `train` of the configuration.
         beta: β of equation (12).
-        output: what the decoder gives, the target (`direct`) or its change (`increment`).
-        feeding: the decoder's state history in training (`study.config.Vae`).
         extra_conditions: size of what the decoder sees beside the actions.
     """
 
@@ -34,19 +35,19 @@ class Vae(OnBaseline):
         scaling: Scaling,
         settings: dict[str, Any],
         beta: float,
-        output: str,
-        feeding: str,
         extra_conditions: int = 0,
     ) -> None:
         super().__init__(scaling, settings)
         vae = settings["vae"]
-        self.beta, self.feeding, self.noise_size = beta, feeding, int(vae["latent_size"])
-        increments = output == "increment"
+        self.beta, self.feeding, self.draws = beta, vae["feeding"], vae["forecast"] == "draw"
+        self.latent_size = int(vae["latent_size"])
+        self.noise_size = self.latent_size + (self.state_size if self.draws else 0)
+        increments = vae["output"] == "increment"
         self.cvae = RecurrentCvae(
             self.change_scale if increments else torch.ones_like(self.change_scale),
             self.action_size + extra_conditions,
             vae["hidden_size"],
-            vae["latent_size"],
+            self.latent_size,
             increments=increments,
             sees_target=vae["encoder"] == "target",
         )
@@ -76,12 +77,14 @@ class Vae(OnBaseline):
         loss, likelihood, divergence = self.cvae.loss(
             prediction, truth, mean, log_variance, self.beta
         )
+        self.cvae.measure(prediction, truth, max(RENEWED, 1 / (step + 1)))
         return {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: z_t from the prior, the decoder fed its own predictions.
+        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
 
-        A forecast state is the mean of p_θ(s_{t+1} | ·): its noise is the latent variables'.
+        A decoder that was taught with true states, noise and all, is fed what was drawn; one that
+        learned from its own predictions is fed those.
         """
         return self.generate(s0, actions, noise, member, None)
 
@@ -92,5 +95,13 @@ class Vae(OnBaseline):
         samples = member.shape[1]
         baseline, condition = self.conditions(s0, actions, member, members)
         start = each_sample(s0, samples)
-        forecasts = self.cvae.decode(start, baseline, condition, noise.flatten(0, 1))
+        latent, normal = noise.flatten(0, 1).split_with_sizes(
+            [self.latent_size, self.noise_size - self.latent_size], dim=-1
+        )
+        drawn = normal * self.cvae.variance.sqrt() if self.draws else None
+        if self.feeding == "teacher":
+            forecasts = self.cvae.decode(start, baseline, condition, latent, innovation=drawn)
+        else:
+            forecasts = self.cvae.decode(start, baseline, condition, latent)
+            forecasts = forecasts if drawn is None else forecasts + drawn
         return forecasts.unflatten(0, (-1, samples))

@@ -35,7 +35,7 @@ def built(name: str, config: Config, data: Trajectories) -> Model:
     free = replace(
         config,
         ensemble=replace(config.ensemble, taught=0.0),
-        vae=replace(config.vae, residual_feeding="free", full_feeding="free"),
+        vae=replace(config.vae, feeding="free"),
     )
     sections: dict[str, Any] = {
         section: asdict(getattr(free, section)) for section in ("ensemble", "vae", "mlp", "train")

@@ -26,9 +26,11 @@ NAMES = [
     "probabilistic_ensemble",
 ]
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
-    ("full_vae", {"full_output": "direct"}),
-    ("residual_vae", {"residual_output": "direct"}),
+    ("full_vae", {"output": "direct"}),
+    ("residual_vae", {"output": "direct"}),
     ("residual_vae", {"encoder": "history"}),
+    ("residual_vae", {"feeding": "schedule"}),
+    ("full_vae", {"forecast": "mean"}),
     ("probabilistic_ensemble", {"propagation": "step"}),
 ]
 EVERY: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in NAMES] + VARIANTS

@@ -54,7 +54,7 @@ def test_the_target_is_the_residual_to_the_drawn_member() -> None:
     torch.testing.assert_close(computed, baseline)
     vae.cvae.decode.out.weight.data.zero_()
     vae.cvae.decode.out.bias.data.zero_()
-    noise = torch.zeros(8, 1, HORIZON, 4)
+    noise = torch.zeros(8, 1, HORIZON, vae.noise_size)
     forecast = vae.sample(states[:, 0], actions, noise, drawn[:, None])
     torch.testing.assert_close(forecast[:, 0], baseline[:, 1:])  # ε̂ = 0
 
@@ -128,6 +128,67 @@ def test_the_likelihood_is_that_of_the_best_scale() -> None:
     torch.testing.assert_close(gradient, 0.5 / squares.detach())
 
 
+@pytest.mark.parametrize("feeding", FEEDINGS)
+def test_a_state_is_drawn_from_the_decoders_distribution(feeding: str) -> None:
+    """With a decoder that gives ε̂ = 0 the forecast is its baseline and the noise of p_θ.
+
+    A taught decoder goes on from what was drawn, so that the noise of increments adds up.
+    """
+    vae = model("residual_vae", feeding=feeding)
+    assert isinstance(vae, ResidualVae)
+    assert vae.noise_size == vae.latent_size + STATE
+    vae.cvae.decode.out.weight.data.zero_()
+    vae.cvae.decode.out.bias.data.zero_()
+    vae.cvae.variance.copy_(torch.tensor([4.0, 1.0, 0.0]))
+    data, drawn = batch(), torch.zeros(8, 2, dtype=torch.int64)
+    s0, actions = data["states"][:, 0], data["actions"]
+    noise = torch.randn(8, 2, HORIZON, vae.noise_size)
+    added = vae.sample(s0, actions, noise, drawn) - vae.ensemble(s0, actions)[:, :1]
+    normal = noise[..., vae.latent_size :] * torch.tensor([2.0, 1.0, 0.0])
+    expected = normal.cumsum(2) if feeding == "teacher" else normal
+    torch.testing.assert_close(added, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_forecast_may_be_the_mean() -> None:
+    vae = model("full_vae", forecast="mean")
+    assert isinstance(vae, Vae)
+    assert vae.noise_size == vae.latent_size
+    data, member = batch(), torch.zeros(8, 1, dtype=torch.int64)
+    given = (data["states"][:, 0], data["actions"], torch.randn(8, 1, HORIZON, 4), member)
+    forecast = vae.sample(*given)
+    vae.cvae.variance.fill_(100.0)
+    torch.testing.assert_close(vae.sample(*given), forecast)
+
+
+def test_the_scale_is_measured_over_batches() -> None:
+    """The first batch gives σ² alone, later ones their share; and it is kept with the weights."""
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4)
+    truth = torch.zeros(2, HORIZON, STATE)
+    cvae.measure(truth + torch.tensor([1.0, 2.0, 3.0]), truth, 1.0)
+    torch.testing.assert_close(cvae.variance, torch.tensor([1.0, 4.0, 9.0]))
+    cvae.measure(truth, truth, 0.25)
+    torch.testing.assert_close(cvae.variance, 0.75 * torch.tensor([1.0, 4.0, 9.0]))
+    assert "variance" in cvae.state_dict()
+
+
+def test_training_measures_the_scale() -> None:
+    vae = model("full_vae")
+    assert isinstance(vae, Vae)
+    torch.manual_seed(0)
+    for step in range(60):
+        vae.losses(batch(64), step)  # no optimiser: the error stays as it is
+    data = batch(64)
+    with torch.no_grad():
+        baseline, condition = vae.conditions(
+            data["states"][:, 0], data["actions"], torch.zeros(64, 1, dtype=torch.int64), None
+        )
+        truth = data["states"][:, 1:]
+        latent = vae.cvae.encode(truth, data["states"][:, :-1], condition)[0]
+        given = (data["states"][:, 0], baseline, condition, latent, data["states"][:, :-1])
+        expected = (truth - vae.cvae.decode(*given)).square().mean((0, 1))
+    torch.testing.assert_close(vae.cvae.variance, expected, rtol=0.2, atol=0.0)
+
+
 @pytest.mark.parametrize("increments", [True, False])
 @pytest.mark.parametrize("taught", [True, False])
 def test_the_decoder_is_causal(taught: bool, increments: bool) -> None:
@@ -185,7 +246,7 @@ def test_the_encoder_is_causal(sees_target: bool) -> None:
 def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
     name: str, feeding: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    vae = model(name, residual_feeding=feeding, full_feeding=feeding)
+    vae = model(name, feeding=feeding)
     monkeypatch.setattr(vae, "log_dict", lambda *_, **__: None)
     before = {k: v.clone() for k, v in vae.state_dict().items() if k.startswith("ensemble")}
     optimizer = torch.optim.Adam([p for p in vae.parameters() if p.requires_grad], 1e-2)
