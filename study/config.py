@@ -98,7 +98,7 @@ class Tune:
 
     trials: int = setting(4, low=1)
     beta_low: float = setting(0.1, low=1e-12)
-    beta_high: float = setting(30.0, low=1e-12)
+    beta_high: float = setting(10.0, low=1e-12)
     steps: int = setting(100, low=1)
     reports: int = setting(3, low=1)
     validation: int = setting(64, low=2)

@@ -37,7 +37,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     study = optuna.create_study(
         study_name=f"beta of {settings['model']}",
         storage=JournalStorage(JournalFileBackend(str(out / "journal.log"))),
-        # The first half of a trial is mostly taught transitions: it says little of β.
+        # What a fit reaches in its first half is much the same for every β.
         pruner=optuna.pruners.MedianPruner(n_startup_trials=2, n_warmup_steps=tune["steps"] // 2),
         load_if_exists=True,
     )
