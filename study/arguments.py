@@ -5,10 +5,11 @@ looked at first, so that every error names the setting, what was given and what 
 """
 
 import re
+import shlex
 import warnings
 from argparse import ArgumentError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,115 +17,12 @@ import yaml
 from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from study import stored
+from study.commands import COMMANDS, EPILOG, OWN, STORED, usage
 from study.config import Config, check, keys
 from study.errors import BadInput, nearest
 from study.grid import GROUPS, with_groups
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-
-COMMANDS = {
-    "all": "run the study: whatever is not up to date, then tables, figures, recordings",
-    "plan": "say what `all` would run, and for each stage why",
-    "status": "say what is done, running or failed, with times",
-    "figures": "draw tables and figures again from the results alone",
-    "view": "open recordings in the Rerun viewer: view study, view pusher/low/residual_vae/seed-0",
-    "compare": "settings that differ and scores of cells, side by side: compare CELL CELL",
-    "portrait": "write a page with pictures of an environment, and of how hard its scenarios are",
-    "export": "write training data as a Minari data set, to share: export pusher",
-    "forecast": "forecast a test scenario, or a plan from a file, with the weights of a study",
-    "verify": "check a study's files, draw its tables and figures again, and compare",
-}
-
-# These read everything in the results folder itself: they take no settings.
-STORED = ("forecast", "verify")
-DEFAULT_OUT = "results/quick"
-
-# What a command takes that the others do not: an argument, then flags.
-OWN: dict[str, dict[str, dict[str, Any]]] = {
-    "view": {
-        "cell": {"help": "such as pusher/low/residual_vae/seed-0; or an environment; or study"},
-        "--kind": {"default": "forecast", "help": "forecast, scores, training, tuning"},
-        "--save": {"help": "folder for a picture of every view, drawn without a screen"},
-    },
-    "compare": {"cells": {"nargs": "+", "help": "such as pusher/low/residual_vae/seed-0"}},
-    "portrait": {
-        "environment": {"nargs": "?", "help": "such as pusher; all of the grid by default"},
-        "--to": {"help": "folder of the page; OUT/environments by default"},
-    },
-    "export": {
-        "environment": {"help": "such as pusher"},
-        "--to": {"help": "folder of Minari data sets; Minari's own by default"},
-    },
-    "forecast": {
-        "--cell": {"required": True, "help": "whose forecaster: uav/high/residual_vae/seed-0"},
-        "--scenario": {
-            "type": int,
-            "help": "a test scenario, from 0 on; with --file, the one whose noise is used",
-        },
-        "--file": {"help": "a plan of your own, .csv or .json: start, task and actions"},
-        "--samples": {"type": int, "help": "forecasts; as many as the study's if not given"},
-        "--save": {"help": "recording to write (FILE.rrd), in place of opening the viewer"},
-        "--write": {"help": "write the plan to this .csv or .json file, to edit, and do no more"},
-        "--out": {"default": DEFAULT_OUT, "help": "results folder"},
-    },
-    "verify": {
-        "out": {"nargs": "?", "default": DEFAULT_OUT, "help": "results folder; results/quick"},
-        "--rerun": {"help": "evaluate this cell again from its weights, and compare its scores"},
-    },
-}
-
-EPILOG = {
-    "forecast": """\
-a plan has these columns, named and in the units of study/envs/README.md:
-  s0.NAME      the state at the start, one value:  s0.x, s0.y, …
-  task.NAME    what is asked for, one value:       task.target_x, …
-  action.NAME  a value for each control step:      action.vx, …
-In CSV the first row has all of them; the rows after it leave s0 and task empty.
-In JSON: {"s0": {"x": 0.0, …}, "task": {…}, "action": {"vx": [1.0, …], …}}.
-
-examples
-  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
-  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --write plan.csv
-  python -m study.run forecast --cell uav/low/full_vae/seed-0 --file plan.csv --save plan.rrd""",
-    "verify": """\
-checks   every file against SHA256SUMS; every recording against its own checksum; claims, tables
-         and figures against those that the scores give when they are drawn again
---rerun  the test set is drawn again too, unless work/ holds it. The same machine gives the same
-         scores; another may round differently: a score over all scenarios may differ by 0.001
-         (the tables print three digits), and of those of single scenarios 1 % by more
-exit     0 if all is as it was written, 1 if something differs
-
-examples
-  python -m study.run verify results/paper
-  python -m study.run verify results/paper --rerun uav/high/residual_vae/seed-0""",
-}
-
-HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
-
-{commands}
-
-  --config FILE      settings; configs/quick.yaml if not given (also: smoke.yaml, paper.yaml)
-  --out DIR          where results go; results/NAME if not given
-  --only PATTERN     some cells only: 'pusher/high/*', '*/residual_vae/*'
-  --kind KIND        view: which of a cell's recordings, forecast (default), scores, training or
-                     tuning; `view pusher` opens the environment's data, `view study` every
-                     cell's curves, tables and claims together
-  --save DIR         view: no window; pictures of every view go to this folder
-  --to DIR           portrait: folder of the page; export: folder of Minari data sets
-  (forecast and verify read all settings in the results folder: forecast --help, verify --help)
-
-examples
-  python -m study.run all
-  python -m study.run plan --config configs/paper.yaml
-  python -m study.run all --only 'uav/low/*' --tune.trials 12 --engine.workers 2
-  python -m study.run view study
-  python -m study.run view pusher/low/residual_vae/seed-0 --kind scores --save pictures
-  python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0
-  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
-  python -m study.run verify results/quick --rerun uav/high/residual_vae/seed-0
-
-`python -m study.run all --help` lists every setting.
-"""
 
 
 @dataclass(frozen=True)
@@ -146,12 +44,8 @@ class Command:
     samples: int | None = None
     write: str | None = None
     rerun: str | None = None
-
-
-def usage() -> str:
-    """The text of ``python -m study.run --help``."""
-    width = max(map(len, COMMANDS))
-    return HELP.format(commands="\n".join(f"  {c:{width}}  {t}" for c, t in COMMANDS.items()))
+    variants: dict[str, Config] = field(default_factory=dict)
+    """The settings of `ablate`, by what was changed: nothing first."""
 
 
 def parse(arguments: list[str]) -> Command:
@@ -184,12 +78,42 @@ def parse(arguments: list[str]) -> Command:
     _check_file(Path(given) if given else CONFIGS / "quick.yaml")
     if given is None:
         rest = ["--config", str(CONFIGS / "quick.yaml"), *rest]
-    config, namespace = _read(parser, _with_lists(rest))
-    config = replace(config, grid=with_groups(config.grid))
-    check(config)
+    config, namespace = _settings(parser, rest)
     out = Path(namespace.out) if namespace.out else Path("results") / config.name
     own = {_name(name): getattr(namespace, _name(name)) for name in OWN.get(command, ())}
+    if command == "ablate":
+        own["variants"] = _variants(parser, rest, config)
     return Command(command, config, out, namespace.only, **own)
+
+
+def _settings(parser: ArgumentParser, arguments: list[str]) -> tuple[Config, Any]:
+    """The checked settings, and what else was given."""
+    config, namespace = _read(parser, _with_lists(arguments))
+    config = replace(config, grid=with_groups(config.grid))
+    check(config)
+    return config, namespace
+
+
+def _variants(parser: ArgumentParser, arguments: list[str], config: Config) -> dict[str, Config]:
+    """The settings as they are, and with each change of `ablations`, which is written as a flag.
+
+    Raises:
+        BadInput: there is none, or one cannot be.
+    """
+    if not config.ablations:
+        raise BadInput(
+            "ablations: nothing to change; --config configs/ablations.yaml has a list, or "
+            "--ablations '[vae.forecast=mean]'"
+        )
+    variants = {"": config}
+    for change in config.ablations:
+        flags = [f"--{word}" for word in shlex.split(change)]
+        try:
+            _check_flags("ablate", flags)
+            variants[change], _ = _settings(parser, arguments + flags)
+        except BadInput as error:
+            raise BadInput(f"ablations: '{change}': {error}") from None
+    return variants
 
 
 def _parser(command: str) -> ArgumentParser:

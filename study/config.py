@@ -251,6 +251,8 @@ class Config:
     Args:
         name: names the results folder, results/NAME.
         plugins: Python modules that register environments or models of your own.
+        ablations: for `ablate`, changes to try one after the other: ``vae.forecast=mean``, or
+            several settings at once, ``vae.forecast=mean vae.feeding=free``.
         grid: which cells there are.
         collect: observed data.
         ensemble: the ensemble of recurrent networks.
@@ -267,6 +269,7 @@ class Config:
 
     name: str = "quick"
     plugins: tuple[str, ...] = ()
+    ablations: tuple[str, ...] = ()
     grid: Grid = Grid()
     collect: Collect = Collect()
     ensemble: Ensemble = Ensemble()
@@ -303,8 +306,8 @@ def check(config: Any, prefix: str = "") -> None:
             check(value, name + ".")
             continue
         values = value if isinstance(value, tuple) else (value,)
-        if isinstance(value, tuple) and entry.name != "plugins":
-            if not value:
+        if isinstance(value, tuple):
+            if not value and entry.name not in ("plugins", "ablations"):
                 raise BadInput(f"{name}: got an empty list; give at least one value")
             if len(set(value)) < len(value):
                 raise BadInput(f"{name}: got {list(value)}; each value may stand there once")

@@ -18,7 +18,7 @@ from study.artifacts import Store, Task
 from study.progress import Progress
 from study.resources import Meter
 
-STAGES = ("collect", "record_data", "ensemble", "tune", "train", "evaluate", "record")
+STAGES = ("collect", "record_data", "ensemble", "tune", "train", "validate", "evaluate", "record")
 
 
 class Stage(Protocol):

@@ -23,6 +23,7 @@ STAGE_VERSIONS = {
     "ensemble": 2,
     "tune": 2,
     "train": 2,
+    "validate": 1,
     "evaluate": 2,
     "record": 7,
     "record_data": 4,
@@ -72,6 +73,17 @@ class Pipeline:
         if models[cell.model].tunes_beta:
             inputs["tuning"] = self.tune(cell)
         return self._task("train", cell.name, self._model(cell, "train"), **inputs)
+
+    def validate(self, cell: Cell) -> Task:
+        """Scores of one cell's model on validation scenarios, for `ablate`."""
+        settings = {
+            "environment": cell.environment,
+            "environment_version": simulators[cell.environment].version,
+            "seed": derive(cell.environment, cell.seed, "validation forecasts"),
+            "samples": self.config.evaluate.samples,
+        }
+        inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
+        return self._task("validate", cell.name, settings, **inputs)
 
     def evaluate(self, cell: Cell) -> Task:
         """Forecasts of the test scenarios and their scores."""

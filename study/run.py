@@ -44,6 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
             "export": export,
             "forecast": forecast,
             "verify": verify,
+            "ablate": ablate,
         }[command.command](command)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -67,10 +68,7 @@ def run_all(command: Command) -> int:
     chosen = select(cells(config), command.only)
     _check_out(command.out)
     records = record_tasks(config, store)
-    try:
-        command.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:  # a file system may refuse what permissions allow
-        raise _cannot_write(command.out) from error
+    _make(command.out)
     with locked(command.out):
         remember(config, records, store)
         tasks = line_up(records[cell] for cell in chosen)
@@ -270,6 +268,25 @@ def verify(command: Command) -> int:
     return 0 if all_well else 1
 
 
+def ablate(command: Command) -> int:
+    """Fit what the list of changes asks for, and write the table."""
+    from study import ablations
+
+    console, store = _console(), _store(command)
+    _check_out(command.out)
+    planned = ablations.plan(command.variants, command.only)
+    _make(command.out)
+    with locked(command.out):
+        tasks = line_up(task for of_cells in planned.values() for task in of_cells.values())
+        store.forget_progress()
+        due = [task for task in tasks if store.why_not(task) is not None]
+        errors = _run_due(command, due, store, console) if due else {}
+        for task, error in errors.items():
+            _say(console, f"{task.name}: {error}")
+        _say(console, str(ablations.write(command.out, command.config, planned, store)))
+    return 1 if errors else 0
+
+
 def _store(command: Command) -> Store:
     return Store(command.out / "work")
 
@@ -316,6 +333,14 @@ def _check_out(out: Path) -> None:
                 f"--out: {out} was made by another version (format {found}, this one writes "
                 f"{stored.FORMAT}); give another --out"
             )
+
+
+def _make(out: Path) -> None:
+    """Make the results folder."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:  # a file system may refuse what permissions allow
+        raise _cannot_write(out) from error
 
 
 def _cannot_write(out: Path) -> BadInput:

@@ -1,0 +1,125 @@
+"""What each choice is worth: one changed at a time, all fitted alike, scored on validation data.
+
+`python -m study.run ablate` takes the changes from the setting `ablations`. Whatever a change does
+not touch is fitted once: its stages are the same, and so are their folders.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from study.artifacts import Store, Task
+from study.config import Config
+from study.files import read_json, write_json, write_text
+from study.grid import Cell, cells, select
+from study.paper import label
+from study.pipeline import Pipeline
+from study.provenance import versions
+
+Planned = dict[str, dict[Cell, Task]]
+"""The last stage of every cell, by what was changed."""
+
+EXPLANATION = """\
+# What was tried
+
+One choice was changed at a time and everything else left as it is, β searched for anew each time
+(the number in brackets), with the same budget for every model. All scores are on validation
+scenarios; the test set was not looked at. A line (–) stands where a change does not concern a
+model.
+
+- **MMD²** averaged over the horizon and the dimensions of the state: 0 is right.
+- **skill**: Brier skill of the task's outcome, 0 the climatology, 1 an oracle.
+- **width**: forecast variance / true variance from the tenth step on, the median of steps and
+  dimensions: 1 is right.
+"""
+
+
+def plan(variants: Mapping[str, Config], only: str | None = None) -> Planned:
+    """Which stages there are, of the cells whose name matches `only`."""
+    planned = {}
+    for change, config in variants.items():
+        pipeline = Pipeline(config)
+        chosen = [cell for cell in select(cells(config), only) if not cell.is_reference]
+        planned[change] = {cell: pipeline.validate(cell) for cell in chosen}
+    return planned
+
+
+def write(out: Path, config: Config, planned: Planned, store: Store) -> Path:
+    """Write ``README.md``, a table for each environment and level, and ``ablations.json``.
+
+    Args:
+        out: the results folder.
+        config: the settings as they are.
+        planned: from `plan`.
+        store: where the stages are. What has failed is told as `failed`.
+    """
+    grid = list(next(iter(planned.values())))
+    lines = [EXPLANATION]
+    for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
+        here = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
+        models = list(dict.fromkeys(cell.model for cell in here))
+        lines += [f"## {label(environment)}, {level} epistemic", "", _header(models)]
+        for change, tasks in planned.items():
+            entries = [_entry(planned, change, tasks, here, model, store) for model in models]
+            name = f"`{change}`" if change else "as it is"
+            lines.append(f"| {name} | {' | '.join(entries)} |")
+        lines.append("")
+    seeds = len({cell.seed for cell in grid})
+    lines.append(
+        f"{seeds} seed{'s' * (seeds > 1)}. Made by `python -m study.run ablate` with the settings "
+        "and versions in `ablations.json`, which has the scores of every cell as well."
+    )
+    scores = {
+        change or "as it is": {
+            cell.name: read_json(store.folder(task) / "validation.json")
+            for cell, task in tasks.items()
+            if store.why_not(task) is None
+        }
+        for change, tasks in planned.items()
+    }
+    settings = asdict(config)
+    del settings["engine"]  # where the stages ran: no number depends on it
+    facts = {"settings": settings, "versions": versions(), "scores": scores}
+    write_json(out / "ablations.json", facts)
+    path = out / "README.md"
+    write_text(path, "\n".join(lines) + "\n")
+    return path
+
+
+def _header(models: list[str]) -> str:
+    names = " | ".join(f"{label(model)}: MMD², skill, width" for model in models)
+    return f"| change | {names} |\n|---|{'---|' * len(models)}"
+
+
+def _entry(
+    planned: Planned,
+    change: str,
+    tasks: dict[Cell, Task],
+    here: list[Cell],
+    model: str,
+    store: Store,
+) -> str:
+    """What one change does to one model: the mean over seeds, and of MMD² the range."""
+    mine = [cell for cell in here if cell.model == model]
+    if change and all(tasks[cell] == planned[""][cell] for cell in mine):
+        return "–"
+    if any(store.why_not(tasks[cell]) for cell in mine):
+        return "failed"
+    scores = [read_json(store.folder(tasks[cell]) / "validation.json") for cell in mine]
+    values = [score["mmd2"] for score in scores]
+    between = f" ({min(values):.3f}–{max(values):.3f})" if len(values) > 1 else ""
+    skill, width = (_mean(scores, name) for name in ("brier_skill", "variance_ratio"))
+    return f"**{np.mean(values):.3f}**{between}, {skill}, {width}{_betas(scores)}"
+
+
+def _mean(scores: list[dict[str, Any]], name: str) -> str:
+    known = [score[name] for score in scores if score[name] is not None]
+    return f"{np.mean(known):.2f}" if known else "?"
+
+
+def _betas(scores: list[dict[str, Any]]) -> str:
+    known = [f"{score['beta']:.2g}" for score in scores if score["beta"] is not None]
+    return f" [β {', '.join(known)}]" if known else ""
