@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from paper_figs import style
 from paper_figs.results import command, environments, read_scores
-from study.paper import label
+from study.names import label
 
 BINS = 10
 MIDDLE, ENDS = "#56B4E9", "#BBBBBB"

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from paper_figs import style
 from paper_figs.results import command, environments, levels, models
 from study.errors import BadInput
-from study.paper import label
+from study.names import label
 
 
 def draw(results: Path) -> list[Path]:

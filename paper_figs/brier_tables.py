@@ -28,7 +28,8 @@ from paper_figs.results import (
 from paper_figs.text import beyond, latex, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
-from study.paper import BRIER, LEVELS, ORACLE, label
+from study.names import LEVELS, ORACLE, label
+from study.paper import BRIER
 
 CLIMATOLOGY = "climatology"
 

@@ -23,7 +23,7 @@ from matplotlib.ticker import MaxNLocator
 from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
 from study.metrics.table import select
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 INTERVALS = (50, 80, 90)
 

@@ -22,7 +22,7 @@ from paper_figs import style
 from paper_figs.mmd_curves import TICKS
 from paper_figs.results import command, environments, levels, models, read_scores
 from study.metrics.table import select
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 COLOURS = "viridis"
 """Rises evenly to any colour vision, and in grey."""

@@ -24,7 +24,7 @@ from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
 from study.metrics.intervals import percentiles, resampled_means
 from study.metrics.table import select
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 Doubles = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from paper_figs.text import beyond, latex, number, title
 from study.metrics.brier import skill
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import LEVELLESS
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 Doubles = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from paper_figs import style
 from paper_figs.results import command, in_order
 from study.data.storage import Arrays, load_arrays
 from study.errors import BadInput
-from study.paper import ENVIRONMENTS, LEVELS, RESIDUAL, label
+from study.names import ENVIRONMENTS, LEVELS, RESIDUAL, label
 
 MEMBERS = ("#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 EPISTEMIC, ALEATORIC, OBSERVED, TARGET = "#D55E00", "#F2C14E", "#777777", "#000000"

@@ -27,7 +27,7 @@ from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
 from study.metrics.reliability import BINS, group_of, reliability_curve
 from study.metrics.table import select
-from study.paper import ENSEMBLE, ORACLE, label
+from study.names import ENSEMBLE, ORACLE, label
 
 Doubles = NDArray[np.float64]
 

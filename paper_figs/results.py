@@ -10,7 +10,15 @@ import pandas as pd
 
 from study.errors import BadInput, StudyError
 from study.metrics.table import CELL, COLUMNS
-from study.paper import BEYOND, BRIER, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
+from study.names import (
+    BEYOND,
+    ENSEMBLE,
+    ENVIRONMENTS,
+    LEVELS,
+    MODELS,
+    ORACLE,
+)
+from study.paper import BRIER
 
 
 def read_scores(results: Path) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from paper_figs.results import command, environments, forecasters, levels, read_
 from paper_figs.text import beyond, latex, number, title
 from study.metrics.intervals import Interval, interval
 from study.metrics.table import select
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 
 @dataclass(frozen=True)

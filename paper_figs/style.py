@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from study.paper import ENSEMBLE, ORACLE
+from study.names import ENSEMBLE, ORACLE
 from study.recording.palette import MODELS
 
 COLUMN_WIDTH = 3.5

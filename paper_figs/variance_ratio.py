@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
 from study.metrics.table import select
-from study.paper import ORACLE, label
+from study.names import ORACLE, label
 
 ALEATORIC, TOTAL = "aleatoric_ratio", "variance_ratio"
 

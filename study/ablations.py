@@ -15,7 +15,7 @@ from study.artifacts import Store, Task
 from study.config import Config
 from study.files import read_json, write_json, write_text
 from study.grid import Cell, cells, select
-from study.paper import label
+from study.names import label
 from study.pipeline import Pipeline
 from study.provenance import versions
 

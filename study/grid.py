@@ -6,7 +6,7 @@ from itertools import product
 
 from study.config import Config, Grid
 from study.errors import BadInput, nearest
-from study.paper import BEYOND, MODELS
+from study.names import BEYOND, MODELS
 
 # Reference forecasters, scored by the same code as every model.
 REFERENCES = ("oracle", "ensemble")

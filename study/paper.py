@@ -8,39 +8,17 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import product
 
-ENVIRONMENTS = ("pusher", "uav")
-LEVELS = ("low", "high")
-RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
-MODELS = (RESIDUAL, FULL, MLP)
-RESIDUAL_CRPS, FULL_CRPS = "residual_crps", "full_crps"
-RESIDUAL_ENSEMBLE, FULL_ENSEMBLE = "residual_vae_ensemble", "full_vae_ensemble"
-MLP_ENSEMBLE = "probabilistic_ensemble"
-BEYOND = (RESIDUAL_CRPS, FULL_CRPS, RESIDUAL_ENSEMBLE, FULL_ENSEMBLE, MLP_ENSEMBLE)
-"""Models that the paper does not have (†): no claim of it is about them."""
-ORACLE, ENSEMBLE = "oracle", "ensemble"
-
-LABELS = {
-    "pusher": "Pusher",
-    "uav": "UAV",
-    "low": "low epistemic",
-    "high": "high epistemic",
-    RESIDUAL: "residual VAE",
-    FULL: "full VAE",
-    MLP: "probabilistic MLP",
-    RESIDUAL_CRPS: "residual CRPS†",
-    FULL_CRPS: "full CRPS†",
-    RESIDUAL_ENSEMBLE: "residual VAE ensemble†",
-    FULL_ENSEMBLE: "full VAE ensemble†",
-    MLP_ENSEMBLE: "probabilistic ensemble†",
-    ORACLE: "oracle",
-    ENSEMBLE: "ensemble alone",
-}
-
-
-def label(name: str) -> str:
-    """What a name is called in text; one that the paper does not know, without underscores."""
-    return LABELS.get(name, name.replace("_", " "))
-
+from study.names import (
+    ENSEMBLE,
+    ENVIRONMENTS,
+    FULL,
+    LEVELS,
+    MLP,
+    MODELS,
+    ORACLE,
+    RESIDUAL,
+    label,
+)
 
 BRIER = {
     ("pusher", "low", RESIDUAL): 0.072,

@@ -7,7 +7,15 @@ import numpy as np
 import pandas as pd
 
 from study.metrics.table import CELL, COLUMNS
-from study.paper import ENSEMBLE, ENVIRONMENTS, FULL, LEVELS, MLP, ORACLE, RESIDUAL
+from study.names import (
+    ENSEMBLE,
+    ENVIRONMENTS,
+    FULL,
+    LEVELS,
+    MLP,
+    ORACLE,
+    RESIDUAL,
+)
 
 AS_THE_PAPER = {
     RESIDUAL: (0.05, 0.051),

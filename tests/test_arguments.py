@@ -9,7 +9,7 @@ import pytest
 from study.arguments import CONFIGS, parse
 from study.config import Config, keys
 from study.errors import BadInput
-from study.paper import BEYOND, MODELS
+from study.names import BEYOND, MODELS
 from study.run import main
 
 BAD = [

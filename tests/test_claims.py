@@ -7,7 +7,14 @@ import pandas as pd
 import pytest
 
 from study.claims import Outcome, Verdict, judge, to_json, to_markdown
-from study.paper import CLAIMS, FULL, LEVELS, MLP, ORACLE, RESIDUAL
+from study.names import (
+    FULL,
+    LEVELS,
+    MLP,
+    ORACLE,
+    RESIDUAL,
+)
+from study.paper import CLAIMS
 from tests.synthetic import AS_THE_PAPER, scores
 
 

@@ -13,7 +13,7 @@ from paper_figs import brier_tables, mmd_curves, style
 from paper_figs.results import command, read_scores
 from study.errors import BadInput
 from study.files import write_json
-from study.paper import FULL, MODELS
+from study.names import FULL, MODELS
 from tests.synthetic import scores
 
 

@@ -17,7 +17,7 @@ from study.errors import BadInput
 from study.metrics.table import by_dimension_and_step
 from study.metrics.trajectory_scores import trajectory_rows
 from study.metrics.variance import variance_ratio as ratio_of
-from study.paper import FULL, ORACLE, RESIDUAL
+from study.names import FULL, ORACLE, RESIDUAL
 
 NAMES = ("heading", "speed", "battery")
 MMD2 = {RESIDUAL: (0.02, 0.05, 0.3), FULL: (0.3, 0.1, 0.6), ORACLE: (0.0, 0.0, -0.001)}

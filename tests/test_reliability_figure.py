@@ -12,7 +12,14 @@ from paper_figs import outcome_tables, reliability, style
 from study.errors import BadInput
 from study.metrics.outcome_scores import outcome_rows
 from study.metrics.table import CELL, COLUMNS
-from study.paper import ENSEMBLE, FULL, LEVELS, MLP, ORACLE, RESIDUAL
+from study.names import (
+    ENSEMBLE,
+    FULL,
+    LEVELS,
+    MLP,
+    ORACLE,
+    RESIDUAL,
+)
 
 SCENARIOS, SAMPLES, ROLLOUTS = 60, 12, 12
 OTHER, ALWAYS = "keeps 20 % of charge", "stays_above 2 m"

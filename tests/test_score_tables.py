@@ -13,7 +13,7 @@ import paper_figs
 from paper_figs import brier_tables, outcome_tables, score_tables
 from paper_figs.text import latex, number
 from study import report
-from study.paper import FULL, ORACLE, RESIDUAL_CRPS
+from study.names import FULL, ORACLE, RESIDUAL_CRPS
 from tests.synthetic import AS_THE_PAPER, scores
 
 

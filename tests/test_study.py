@@ -13,7 +13,7 @@ from safetensors.numpy import load_file
 from study.arguments import parse
 from study.files import read_json
 from study.grid import REFERENCES, Cell, cells
-from study.paper import label
+from study.names import label
 from study.recording.files import check
 from study.recording.reading import properties
 from study.stages.weights import load_model

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
-from study.paper import (
+from study.names import (
     ENSEMBLE,
     FULL,
     FULL_CRPS,

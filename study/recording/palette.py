@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from study.paper import (
+from study.names import (
     ENSEMBLE,
     FULL,
     FULL_CRPS,
