@@ -230,6 +230,18 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Publish:
+    """What goes from ``work/`` to the results folder. No number depends on it.
+
+    Args:
+        forecasts: cells whose forecast recording, the largest, is published: names or patterns.
+            Recordings of scores, training and tuning, scores and weights are for every cell.
+    """
+
+    forecasts: tuple[str, ...] = ("*",)
+
+
+@dataclass(frozen=True)
 class Engine:
     """Where the stages run. No number depends on it, except on `threads` by rounding.
 
@@ -264,6 +276,7 @@ class Config:
         probabilistic_ensemble: that of probabilistic MLPs.
         train: fitting a cell's model.
         evaluate: forecasts and scores.
+        publish: what goes to the results folder.
         engine: where stages run.
     """
 
@@ -281,6 +294,7 @@ class Config:
     probabilistic_ensemble: ProbabilisticEnsemble = ProbabilisticEnsemble()
     train: Train = Train()
     evaluate: Evaluate = Evaluate()
+    publish: Publish = Publish()
     engine: Engine = Engine()
 
 

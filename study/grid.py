@@ -53,6 +53,11 @@ def cells(config: Config) -> list[Cell]:
     ]
 
 
+def matches(cell: Cell, pattern: str) -> bool:
+    """Whether a pattern such as ``pusher/high/*`` means the cell; all below it are meant."""
+    return fnmatchcase(cell.name, pattern) or fnmatchcase(cell.name, pattern + "/*")
+
+
 def select(every: list[Cell], only: str | None) -> list[Cell]:
     """The cells whose name matches the pattern `only`, such as ``pusher/high/*``.
 
@@ -61,11 +66,7 @@ def select(every: list[Cell], only: str | None) -> list[Cell]:
     """
     if only is None:
         return every
-    chosen = [
-        cell
-        for cell in every
-        if fnmatchcase(cell.name, only) or fnmatchcase(cell.name, only + "/*")
-    ]
+    chosen = [cell for cell in every if matches(cell, only)]
     if not chosen:
         names = [cell.name for cell in every]
         raise BadInput(f"--only: no cell matches '{only}'; {nearest(only, names)}")

@@ -35,6 +35,8 @@ def recording_of(command: Command) -> Path:
         there = sorted(file.stem for file in (recordings / name).glob("*.rrd"))
         kinds = ", ".join(kind for kind in there if kind in KINDS)
         hint = f"--kind: {kinds}" if kinds else "python -m study.run all"
+        if kinds and command.kind == "forecast":
+            hint += f"; python -m study.run forecast --cell {name} --scenario 0 makes one"
         raise StudyError(f"there is no recording {path}; there is {hint}")
     return path
 

@@ -17,7 +17,7 @@ from study import __version__, checksums, claims
 from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
-from study.grid import Cell
+from study.grid import Cell, matches
 from study.provenance import made_with, versions
 from study.recording.files import checksum_path
 from study.stored import FORMAT, STUDY
@@ -47,7 +47,7 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
     complete = {cell: task for cell, task in records.items() if store.why_not(task) is None}
     if not complete:
         return False
-    files = _cell_files(complete, store, out)
+    files = _cell_files(config, complete, store, out)
     changed = _remove_others(files, out)
     # A recording before its checksum: stopped in between, it is taken for damaged, not for good.
     for target, source in sorted(files.items(), key=lambda pair: len(pair[0].name)):
@@ -75,7 +75,7 @@ def why_not_published(
     why = _why_not_current(out, _state(config, complete, failed))
     if why or due:
         return why or "input changed"
-    for target, source in _cell_files(complete, store, out).items():
+    for target, source in _cell_files(config, complete, store, out).items():
         if not same_bytes(source, target):
             return f"{'damaged' if target.exists() else 'missing'}: {target}"
     return next(iter(checksums.problems(out)), None)
@@ -166,12 +166,14 @@ def _summary_files(out: Path) -> dict[str, str]:
     return {str(path.relative_to(out)): sha256(path) for path in paths}
 
 
-def _cell_files(complete: Records, store: Store, out: Path) -> dict[Path, Path]:
+def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> dict[Path, Path]:
     """The cells' recordings, weights and illustrations: where each goes, where it comes from."""
     files = {}
     for cell, task in complete.items():
+        wanted = any(matches(cell, pattern) for pattern in config.publish.forecasts)
         for path in store.folder(task).glob("*.rrd*"):
-            files[out / "recordings" / cell.name / path.name] = path
+            if wanted or not path.name.startswith("forecast."):
+                files[out / "recordings" / cell.name / path.name] = path
         for path in store.folder(task.inputs["data_recording"]).glob("*.rrd*"):
             files[out / "recordings" / cell.environment / path.name] = path
         if "trained" in task.inputs:

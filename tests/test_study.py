@@ -18,7 +18,7 @@ from study.recording.files import check
 from study.recording.reading import properties
 from study.stages.weights import load_model
 from tests.recording.test_overview import document, same_numbers
-from tests.running import SMOKE, Done, files, published, study
+from tests.running import SMALL, SMOKE, Done, files, published, study
 
 GRID = cells(parse(["all", *SMOKE]).config)
 MODELS = [cell for cell in GRID if not cell.is_reference]
@@ -189,3 +189,22 @@ def test_the_parquet_file_is_plain(smoke: tuple[Path, Done]) -> None:
         "int64",
     }
     assert str(schema.field("value").type) == "double"
+
+
+def test_only_chosen_forecast_recordings_are_published(copied: Path) -> None:
+    """The others stay in work/; nothing else changes, nothing runs again, and it can be undone."""
+    first, other = "cart/low/full_vae/seed-0", "cart/low/drift/seed-0"
+    recordings, before = copied / "recordings", files(copied, "recordings/*/**/*", "weights/**/*")
+    given = ("all", *SMALL, "--out", copied)
+    done = study(*given, f"--publish.forecasts=[{first}]")
+    assert done.code == 0
+    assert "to run" not in done.out.replace("no stage to run", "")
+    assert (recordings / first / "forecast.rrd").is_file()
+    assert not list((recordings / other).glob("forecast.*"))
+    assert (recordings / other / "scores.rrd").is_file()
+    shown = study("view", other, *SMALL, "--out", copied)
+    assert shown.code == 1
+    assert f"forecast --cell {other} --scenario 0" in shown.err
+    assert study("verify", copied).code == 0
+    assert study(*given).code == 0
+    assert files(copied, "recordings/*/**/*", "weights/**/*") == before
