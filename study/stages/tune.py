@@ -5,6 +5,7 @@ Writes ``tuning.json`` (the best β and every trial) and ``journal.log``, an Opt
 cell's seed and on the trials that ended before it, and on nothing that a stop could change.
 """
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,9 @@ def _try(
     for file in curves.glob("*"):
         file.unlink()
     curves.rmdir()
+    # Trainer and model hold each other: without this the data of every trial stay in memory.
+    del model, data
+    gc.collect()
     return score
 
 
