@@ -23,7 +23,7 @@ from study.recording.files import checksum_path
 from study.stored import FORMAT, STUDY
 
 # Raise it whenever the code changes what the summary holds: then it is written again.
-SUMMARY = 1
+SUMMARY = 2
 # What the recording of the whole study shows of the tables and of the claims, by title.
 TEXTS = {"Brier scores": "tables/brier_*.md", "Claims": "claims.md", "Scores": "tables/scores_*.md"}
 Records = Mapping[Cell, Task]
@@ -264,21 +264,27 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def _trials(store: Store, complete: Records) -> pd.DataFrame:
-    """Every trial of every search for β; the value of one that was pruned is its last."""
+    """Every trial of every search for β."""
     rows = []
     for cell, task in complete.items():
         if "tuning" in task.inputs:
             tuning = read_json(store.folder(task.inputs["tuning"]) / "tuning.json")
-            for trial in tuning["trials"]:
-                last = list(trial["intermediate"].values())[-1:] or [None]
-                value = last[0] if trial["value"] is None else trial["value"]
-                rows.append(
-                    asdict(cell)
-                    | {name: trial[name] for name in ("number", "state", "beta")}
-                    | {"value": value, "chosen": trial["beta"] == tuning["beta"]}
-                )
+            rows += [
+                asdict(cell)
+                | {name: trial[name] for name in ("number", "state", "beta")}
+                | {"value": trial_value(trial), "chosen": trial["beta"] == tuning["beta"]}
+                for trial in tuning["trials"]
+            ]
     columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
     return pd.DataFrame(rows, columns=[*columns, "chosen"])
+
+
+def trial_value(trial: dict[str, Any]) -> float | None:
+    """The score of a trial of ``tuning.json``; of one that was pruned the last that it reported."""
+    told = trial["intermediate"]
+    if trial["value"] is not None or not told:
+        return trial["value"]
+    return float(told[max(told, key=int)])  # as text, step 50 comes after step 200
 
 
 def _settings(config: Config) -> dict[str, Any]:

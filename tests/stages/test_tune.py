@@ -13,6 +13,7 @@ from study.artifacts import Store, Task
 from study.files import read_json
 from study.grid import Cell
 from study.pipeline import Pipeline
+from study.report import trial_value
 from study.stages.tune import sampler
 from tests.running import SMALL, SMOKE, Done
 
@@ -76,3 +77,10 @@ def test_the_first_trials_cover_the_range_evenly_in_its_logarithm() -> None:
     first = betas()
     assert np.diff(np.sort(np.log10(first[:4]))) == pytest.approx(np.full(3, 1.0))
     assert betas() == first
+
+
+def test_a_pruned_trial_counts_by_its_last_report() -> None:
+    reports = {"100": 0.3, "150": 0.2, "50": 0.5}
+    assert trial_value({"value": None, "intermediate": reports}) == 0.2
+    assert trial_value({"value": 0.1, "intermediate": reports}) == 0.1
+    assert trial_value({"value": None, "intermediate": {}}) is None
