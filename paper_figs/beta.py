@@ -60,7 +60,9 @@ def _panel(axes: Axes, trials: pd.DataFrame, palette: dict[str, str]) -> None:
     for (model, _), search in trials.groupby(["model", "seed"]):
         colour = palette[str(model)]
         search = search.sort_values("beta")
-        axes.plot(search["beta"], search["value"], color=colour, linewidth=0.7, alpha=0.5)
+        # A trial that was pruned was scored earlier in its training: no line joins it.
+        ended = search[search["state"] == "complete"]
+        axes.plot(ended["beta"], ended["value"], color=colour, linewidth=0.7, alpha=0.5)
         for state, face in (("complete", colour), ("pruned", "white")):
             some = search[search["state"] == state]
             axes.plot(
