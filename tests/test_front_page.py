@@ -1,6 +1,7 @@
 """The numbers on the front page are those of results/paper/, which are as they were written."""
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
@@ -34,9 +35,14 @@ def _tables() -> list[dict[tuple[str, str], str]]:
     return tables
 
 
-def _overall(metric: str, environment: str, level: str, model: str) -> float:
+@cache
+def _scores() -> pd.DataFrame:
     scores = pd.read_parquet(PAPER / "scores.parquet")
-    here = scores[(scores.step == -1) & (scores.scenario == -1) & (scores.dimension == "all")]
+    return scores[(scores.step == -1) & (scores.scenario == -1) & (scores.dimension == "all")]
+
+
+def _overall(metric: str, environment: str, level: str, model: str) -> float:
+    here = _scores()
     here = here[(here.metric == metric) & (here.environment == environment)]
     if model != "climatology":
         here = here[(here.level == level) & (here.model == model)]
