@@ -5,7 +5,6 @@ not touch is fitted once: its stages are the same, and so are their folders.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,12 @@ from study.grid import Cell, cells, select
 from study.names import label
 from study.pipeline import Pipeline
 from study.provenance import versions
+from study.stored import settings_of
 
 Planned = dict[str, dict[Cell, Task]]
 """The last stage of every cell, by what was changed."""
+
+AS_IT_IS = "as it is"
 
 EXPLANATION = """\
 # What was tried
@@ -56,33 +58,35 @@ def write(out: Path, config: Config, planned: Planned, store: Store) -> Path:
         planned: from `plan`.
         store: where the stages are. What has failed is told as `failed`.
     """
-    grid = list(next(iter(planned.values())))
-    lines = [EXPLANATION]
-    for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
-        here = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
-        models = list(dict.fromkeys(cell.model for cell in here))
-        lines += [f"## {label(environment)}, {level} epistemic", "", _header(models)]
-        for change, tasks in planned.items():
-            entries = [_entry(planned, change, tasks, here, model, store) for model in models]
-            name = f"`{change}`" if change else "as it is"
-            lines.append(f"| {name} | {' | '.join(entries)} |")
-        lines.append("")
-    seeds = len({cell.seed for cell in grid})
-    lines.append(
-        f"{seeds} seed{'s' * (seeds > 1)}. Made by `python -m study.run ablate` with the settings "
-        "and versions in `ablations.json`, which has the scores of every cell as well."
-    )
     scores = {
-        change or "as it is": {
+        change: {
             cell.name: read_json(store.folder(task) / "validation.json")
             for cell, task in tasks.items()
             if store.why_not(task) is None
         }
         for change, tasks in planned.items()
     }
-    settings = asdict(config)
-    del settings["engine"]  # where the stages ran: no number depends on it
-    facts = {"settings": settings, "versions": versions(), "scores": scores}
+    grid = list(planned[""])
+    lines = [EXPLANATION]
+    for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
+        here = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
+        models = list(dict.fromkeys(cell.model for cell in here))
+        lines += [f"## {label(environment)}, {level} epistemic", "", _header(models)]
+        for change, tasks in planned.items():
+            entries = []
+            for model in models:
+                mine = [cell for cell in here if cell.model == model]
+                same = change and all(tasks[cell] == planned[""][cell] for cell in mine)
+                entries.append("–" if same else _entry([scores[change].get(c.name) for c in mine]))
+            lines.append(f"| {f'`{change}`' if change else AS_IT_IS} | {' | '.join(entries)} |")
+        lines.append("")
+    seeds = len({cell.seed for cell in grid})
+    lines.append(
+        f"{seeds} seed{'s' * (seeds > 1)}. Made by `python -m study.run ablate` with the settings "
+        "and versions in `ablations.json`, which has the scores of every cell as well."
+    )
+    told = {change or AS_IT_IS: of_cells for change, of_cells in scores.items()}
+    facts = {"settings": settings_of(config), "versions": versions(), "scores": told}
     write_json(out / "ablations.json", facts)
     path = out / "README.md"
     write_text(path, "\n".join(lines) + "\n")
@@ -94,21 +98,11 @@ def _header(models: list[str]) -> str:
     return f"| change | {names} |\n|---|{'---|' * len(models)}"
 
 
-def _entry(
-    planned: Planned,
-    change: str,
-    tasks: dict[Cell, Task],
-    here: list[Cell],
-    model: str,
-    store: Store,
-) -> str:
+def _entry(told: list[dict[str, Any] | None]) -> str:
     """What one change does to one model: the mean over seeds, and of MMD² the range."""
-    mine = [cell for cell in here if cell.model == model]
-    if change and all(tasks[cell] == planned[""][cell] for cell in mine):
-        return "–"
-    if any(store.why_not(tasks[cell]) for cell in mine):
+    scores = [score for score in told if score is not None]
+    if len(scores) < len(told):
         return "failed"
-    scores = [read_json(store.folder(tasks[cell]) / "validation.json") for cell in mine]
     values = [score["mmd2"] for score in scores]
     between = f" ({min(values):.3f}–{max(values):.3f})" if len(values) > 1 else ""
     skill, width = (_mean(scores, name) for name in ("brier_skill", "variance_ratio"))

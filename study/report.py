@@ -20,7 +20,7 @@ from study.files import copy, digest, read_json, same_bytes, sha256, write_json,
 from study.grid import Cell, matches
 from study.provenance import made_with, versions
 from study.recording.files import checksum_path
-from study.stored import FORMAT, STUDY
+from study.stored import FORMAT, STUDY, settings_of
 
 # Raise it whenever the code changes what the summary holds: then it is written again.
 SUMMARY = 3
@@ -140,7 +140,7 @@ def _failed(records: Records, store: Store) -> list[str]:
 def _state(config: Config, complete: Records, failed: list[str]) -> str:
     """What the summary depends on, in one hash."""
     cells = {cell.name: task.key for cell, task in complete.items()}
-    return digest([FORMAT, SUMMARY, __version__, _settings(config), cells, failed])
+    return digest([FORMAT, SUMMARY, __version__, settings_of(config), cells, failed])
 
 
 def _why_not_current(out: Path, state: str) -> str | None:
@@ -222,7 +222,7 @@ def _write_summary(
         {
             "format": FORMAT,
             "study": __version__,
-            "settings": _settings(config),
+            "settings": settings_of(config),
             "cells": [cell.name for cell in complete],
             "failed": failed,
             "versions": versions(),
@@ -242,7 +242,7 @@ def _record(config: Config, scores: pd.DataFrame, out: Path) -> None:
         "study": config.name,
         "seeds": ", ".join(map(str, config.grid.seeds)),
         **made_with(),
-        "config": json.dumps(_settings(config), sort_keys=True),
+        "config": json.dumps(settings_of(config), sort_keys=True),
     }
     recording, _ = _whole(out)
     record_study(recording, scores, _texts(out), properties)
@@ -285,10 +285,3 @@ def trial_value(trial: dict[str, Any]) -> float | None:
     if trial["value"] is not None or not told:
         return trial["value"]
     return float(told[max(told, key=int)])  # as text, step 50 comes after step 200
-
-
-def _settings(config: Config) -> dict[str, Any]:
-    """All settings but where the stages ran: no number depends on that."""
-    settings = asdict(config)
-    settings.pop("engine")
-    return settings

@@ -1,6 +1,6 @@
 """A results folder by itself: its ``study.json`` has the settings, no configuration is needed."""
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,13 @@ def read(out: Path) -> Stored:
         ) from None
     check(config)
     return Stored(out, config, complete, versions)
+
+
+def settings_of(config: Config) -> dict[str, Any]:
+    """All settings but where the stages ran: no number depends on that."""
+    settings = asdict(config)
+    settings.pop("engine")
+    return settings
 
 
 def _near(out: Path) -> str:
