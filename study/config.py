@@ -97,8 +97,8 @@ class Tune:
     """
 
     trials: int = setting(4, low=1)
-    beta_low: float = setting(0.1, low=1e-12)
-    beta_high: float = setting(10.0, low=1e-12)
+    beta_low: float = setting(0.3, low=1e-12)
+    beta_high: float = setting(100.0, low=1e-12)
     steps: int = setting(100, low=1)
     reports: int = setting(3, low=1)
     validation: int = setting(64, low=2)
@@ -117,6 +117,7 @@ class Vae:
         output: the decoder gives its target (`direct`), ε_{t+1} or s_{t+1}, or the target's change
             (`increment`).
         forecast: a forecast state is drawn from p_θ(s_{t+1} | ·) (`draw`) or is its mean (`mean`).
+        width: the width of p_θ depends on the past (`state`) or is the same always (`fixed`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
         member: m is drawn for each trajectory of a batch (`sample`) or once for all (`batch`).
@@ -127,6 +128,7 @@ class Vae:
     feeding: str = setting("teacher", choices=("free", "teacher", "schedule"))
     output: str = setting("increment", choices=("direct", "increment"))
     forecast: str = setting("draw", choices=("draw", "mean"))
+    width: str = setting("state", choices=("state", "fixed"))
     encoder: str = setting("target", choices=("target", "history"))
     member: str = setting("sample", choices=("sample", "batch"))
 

@@ -10,8 +10,8 @@ One network serves both VAEs of the paper. It generates a *target* x_{1:T} that 
 import torch
 from torch import Tensor, nn
 
-from study.models.decoder import RecurrentDecoder
-from study.models.likelihood import negative_log_likelihood
+from study.models.gaussian_decoder import GaussianDecoder
+from study.models.likelihood import weighted_negative_log_likelihood
 from study.models.recurrence import gru
 
 
@@ -26,11 +26,9 @@ class RecurrentCvae(nn.Module):
         hidden_size: width of both GRUs.
         latent_size: Z.
         increments: the decoder's output is x_{t+1} − x_t instead of x_{t+1}.
+        one_width: the decoder's distribution has the same width at every step.
         sees_target: the encoder sees x_{t+1} beside s_t and the condition.
     """
-
-    variance: Tensor
-    """σ² of p_θ(s_{t+1} | ·) = N(ŝ_{t+1}, σ²) in each dimension, [D]: see `measure`."""
 
     def __init__(
         self,
@@ -39,18 +37,18 @@ class RecurrentCvae(nn.Module):
         hidden_size: int,
         latent_size: int,
         increments: bool = False,
+        one_width: bool = False,
         sees_target: bool = True,
     ) -> None:
         super().__init__()
         state_size = len(output_scale)
         self.sees_target = sees_target
-        self.register_buffer("variance", torch.ones(state_size))
         seen = state_size * (2 if sees_target else 1) + condition_size
         self.encoder_driven = nn.Linear(seen, 3 * hidden_size)
         self.encoder_recurrent = nn.Linear(hidden_size, 3 * hidden_size)
         self.posterior = nn.Linear(hidden_size, 2 * latent_size)
-        self.decode = RecurrentDecoder(
-            output_scale, condition_size, hidden_size, latent_size, increments
+        self.decode = GaussianDecoder(
+            output_scale, condition_size, hidden_size, latent_size, increments, one_width
         )
 
     def encode(self, target: Tensor, states: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
@@ -71,38 +69,25 @@ class RecurrentCvae(nn.Module):
         return mean, log_variance.clamp(-12.0, 6.0)
 
     def loss(
-        self, prediction: Tensor, truth: Tensor, mean: Tensor, log_variance: Tensor, beta: float
-    ) -> tuple[Tensor, Tensor, Tensor]:
+        self, error: Tensor, log_width: Tensor, mean: Tensor, log_variance: Tensor, beta: float
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Equation (12), averaged over the batch and over t, and its two parts.
 
             l_t = −E_q[log p_θ(s_{t+1} | ε̂_{t+1} + ŝ^m_{t+1})] + β KL[q_φ(z_t | ·) ‖ p(z_t)]
 
         Args:
-            prediction: ŝ_{1:T} [B, T, D].
-            truth: s_{1:T} [B, T, D].
+            error: s_{1:T} − ŝ_{1:T} [B, T, D].
+            log_width: w_{1:T} [B, T, D].
             mean, log_variance: of q_φ, [B, T, Z].
             beta: β.
 
         Returns:
-            loss, negative log likelihood and KL divergence, scalars.
+            loss, negative log likelihood and KL divergence, scalars, and σ² of the batch [D].
         """
-        squared_error = (truth - prediction).square().mean((0, 1))
-        likelihood = negative_log_likelihood(squared_error).sum()
+        by_dimension, variance = weighted_negative_log_likelihood(error, log_width)
+        likelihood = by_dimension.sum()
         divergence = kl_from_standard_normal(mean, log_variance).mean()
-        return likelihood + beta * divergence, likelihood, divergence
-
-    @torch.no_grad()
-    def measure(self, prediction: Tensor, truth: Tensor, share: float) -> None:
-        """Take a batch into the running mean of σ², by the share given.
-
-        `loss` has σ at its best for each batch; forecasts need the one of all data.
-
-        Args:
-            prediction: ŝ_{1:T} [B, T, D].
-            truth: s_{1:T} [B, T, D].
-            share: of this batch in the mean; 1 forgets what was before.
-        """
-        self.variance.lerp_((truth - prediction).square().mean((0, 1)), share)
+        return likelihood + beta * divergence, likelihood, divergence, variance
 
 
 def kl_from_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

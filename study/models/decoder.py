@@ -47,7 +47,6 @@ class RecurrentDecoder(nn.Module):
         condition: Tensor,
         latent: Tensor,
         truth: Tensor | None = None,
-        innovation: Tensor | None = None,
     ) -> Tensor:
         """ŝ_{1:T} [B, T, D].
 
@@ -59,8 +58,20 @@ class RecurrentDecoder(nn.Module):
             condition: [B, T, C].
             latent: z_{0:T-1} [B, T, Z].
             truth: s_{0:T-1} [B, T, D]: teacher forcing.
-            innovation: noise that is added to ŝ_{1:T} before it is fed back, [B, T, D].
         """
+        return self.unroll(s0, baseline, condition, latent, truth)[1]
+
+    def unroll(
+        self,
+        s0: Tensor,
+        baseline: Tensor,
+        condition: Tensor,
+        latent: Tensor,
+        truth: Tensor | None = None,
+        spread: Tensor | None = None,
+        normal: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """The hidden states and ŝ_{1:T}; with noise, see `feedback_gru`, it is fed back too."""
         hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
         inputs = torch.cat([condition, latent], -1)
         enter = torch.cat([self.driven.weight, self.feed.weight], -1).T
@@ -69,10 +80,9 @@ class RecurrentDecoder(nn.Module):
         # ŝ_{t+1} = x̂_{t+1} + b_{t+1}, and the state ŝ_t itself holds x̂_t + b_t.
         drift = baseline[:, 1:] - baseline[:, :-1] if self.increments else baseline[:, 1:]
         keep = float(self.increments)
-        if innovation is not None:
-            drift = drift + innovation
+        drift = drift + offset
         if truth is None:
-            drift = drift + offset
-            return feedback_gru(inputs, drift, hidden, s0, enter, weight, bias, out, keep)
+            sequence = (inputs, drift, hidden, s0, enter, weight, bias, out, keep)
+            return feedback_gru(*sequence, spread, normal)
         hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
-        return keep * truth + hiddens @ out + offset + drift
+        return hiddens, keep * truth + hiddens @ out + drift

@@ -67,7 +67,7 @@ class Members(nn.Module):
         weight, bias = recurrent.weight, torch.cat([self.driven.bias, recurrent.bias], dim=1)
         if truth is None:
             steady = drift[:, :, None].expand(*actions.shape[:-1], -1)
-            return feedback_gru(actions, steady, hidden, s0, enter, weight, bias, out, 1.0)
+            return feedback_gru(actions, steady, hidden, s0, enter, weight, bias, out, 1.0)[1]
         hiddens = gru(torch.cat([actions, truth], -1), hidden, enter, weight, bias)
         return truth + hiddens @ out[:, None] + drift[:, :, None]
 

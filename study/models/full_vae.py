@@ -13,4 +13,4 @@ class FullVae(OnNothing, Vae):
         scaling, settings, beta: see `Vae`.
     """
 
-    version = 2
+    version = 3

@@ -1,7 +1,8 @@
-"""The Gaussian likelihood that the ensemble and the VAEs are fitted by."""
+"""The Gaussian likelihoods that the ensemble and the VAEs are fitted by."""
 
 import math
 
+import torch
 from torch import Tensor
 
 # Squared error below which a dimension counts as learned: keeps the logarithm finite.
@@ -24,3 +25,27 @@ def negative_log_likelihood(squared_error: Tensor) -> Tensor:
         [...]
     """
     return 0.5 * (squared_error.clamp(min=_LEAST).log() + 1 + math.log(2 * math.pi))
+
+
+def weighted_negative_log_likelihood(error: Tensor, log_width: Tensor) -> tuple[Tensor, Tensor]:
+    """The same with a width that varies, weighted so that wide steps are learned as well.
+
+        min_σ E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w
+
+    but with σ the best without the weights, which no derivative goes through. (Seitzer et al.,
+    ICLR 2022: the β-NLL with β = ½. Without weights a step whose error was first taken for noise
+    hardly counts, and is never learned.) With w = 0 it is `negative_log_likelihood`, and so is its
+    derivative by the error.
+
+    Args:
+        error: s − ŝ [B, T, D].
+        log_width: w [B, T, D].
+
+    Returns:
+        for each dimension the likelihood and σ² = E[(s − ŝ)² / e^2w], [D] each.
+    """
+    squares = (error * torch.exp(-log_width)).square()
+    variance = squares.detach().mean((0, 1)).clamp(min=_LEAST)
+    each = 0.5 * (squares / variance + variance.log() + math.log(2 * math.pi)) + log_width
+    weight = torch.exp(log_width).detach()
+    return (weight * each).mean((0, 1)) / weight.mean((0, 1)), variance

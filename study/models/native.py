@@ -22,7 +22,7 @@ ROWS = 12
 """Trajectories in a block, as in the source."""
 
 _SIZES = (ctypes.c_long,) * 7 + (ctypes.c_float,)
-_ARRAYS = {"forward": 12, "backward": 11}
+_ARRAYS = {"forward": 14, "backward": 11}
 _log = logging.getLogger(__name__)
 
 

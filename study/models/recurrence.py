@@ -23,12 +23,15 @@ def feedback_gru(
     bias: Tensor,
     out: Tensor,
     keep: float,
-) -> Tensor:
-    """s_1 … s_T of a GRU whose output state is fed back.
+    spread: Tensor | None = None,
+    normal: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """h_1 … h_T and s_1 … s_T of a GRU whose output state is fed back.
 
         x = [i_t, s_t] enter + bias_0,   g = h_t weight + bias_1
         r, u = σ(x + g),   n = tanh(x + r · g),   h_{t+1} = (1 − u) n + u h_t
-        s_{t+1} = keep · s_t + h_{t+1} out + drift_t
+        s_{t+1} = keep · s_t + h_{t+1} out + drift_t + exp(w_{t+1}) · normal_t
+        w_{t+1} = tanh([h_{t+1}, 1] spread)
 
     (The GRU of Cho et al. 2014, in the form of `torch.nn.GRU`; r, u and n have a third each of
     the 3H components.) Leading axes `...`, none or one, are independent networks, side by side.
@@ -43,22 +46,25 @@ def feedback_gru(
         bias: [..., 2, 3H].
         out: [..., H, D].
         keep: 1 where the unit gives the state's change, 0 where it gives the state.
+        spread: of the noise, [..., H + 1, D]; it and `normal` only where no derivative is wanted.
+        normal: [..., B, T, D]; without it there is no noise.
 
     Returns:
-        [..., B, T, D]
+        h [..., B, T, H], which may be empty where no derivative is wanted, and s [..., B, T, D].
     """
-    return _either(inputs, drift, hidden, state, enter, weight, bias, out, keep)[1]
+    return _either(inputs, drift, hidden, state, enter, weight, bias, out, keep, spread, normal)
 
 
 def gru(inputs: Tensor, hidden: Tensor, enter: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """h_1 … h_T [..., B, T, H] of the same unit without a state: see `feedback_gru`."""
     drift, state, out = (each[..., :0] for each in (inputs, hidden, weight))
-    return _either(inputs, drift, hidden, state, enter, weight, bias, out, 0.0)[0]
+    return _either(inputs, drift, hidden, state, enter, weight, bias, out, 0.0, None, None)[0]
 
 
 def _either(*given: Any) -> tuple[Tensor, Tensor]:
     """Hidden states and states, compiled or not; compiled, only what the caller needs."""
-    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in given[:-1])
+    tensors = [each for each in given if isinstance(each, Tensor)]
+    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in tensors)
     if alike and native.library() is not None:
         # Inside, autograd says of each argument whether it has a derivative, but not whether
         # one is wanted: without, what it takes is neither computed nor kept.
@@ -77,6 +83,8 @@ def plain(
     bias: Tensor,
     out: Tensor,
     keep: float,
+    spread: Tensor | None = None,
+    normal: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """`feedback_gru`, step by step in torch, which derives it as well."""
     driving, feeding = enter.split([inputs.shape[-1], state.shape[-1]], dim=-2)
@@ -84,14 +92,19 @@ def plain(
     # For all steps at once, and the sequence taken apart once: an index into it at every step
     # would cost the derivative a copy of the whole each time.
     driven = inputs @ driving.unsqueeze(-3) + from_inputs.unsqueeze(-3)
+    noise = [None] * drift.shape[-2] if normal is None else normal.unbind(-2)
     hiddens, states = [], []
-    for entering, drifting in zip(driven.unbind(-2), drift.unbind(-2), strict=True):
+    for entering, drifting, drawn in zip(driven.unbind(-2), drift.unbind(-2), noise, strict=True):
         x = entering + state @ feeding
         g = hidden @ weight + from_hidden
         (x_r, x_u, x_n), (g_r, g_u, g_n) = x.chunk(3, dim=-1), g.chunk(3, dim=-1)
         reset, update = torch.sigmoid(x_r + g_r), torch.sigmoid(x_u + g_u)
         hidden = torch.lerp(torch.tanh(x_n + reset * g_n), hidden, update)
         state = keep * state + hidden @ out + drifting
+        if drawn is not None:
+            assert spread is not None
+            width = hidden @ spread[..., :-1, :] + spread[..., -1:, :]
+            state = state + torch.exp(torch.tanh(width)) * drawn
         hiddens.append(hidden)
         states.append(state)
     return torch.stack(hiddens, dim=-2), torch.stack(states, dim=-2)
@@ -102,10 +115,11 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
-        *given, keep, derive = arguments
+        *given, keep, spread, normal, derive = arguments
         library = native.library()
         assert library is not None
         tensors = tuple(tensor.contiguous() for tensor in given)
+        noise = tuple(None if each is None else each.contiguous() for each in (spread, normal))
         inputs, drift, hidden, _, enter, weight, _, out = tensors
         *_, batch, steps, width = inputs.shape
         *members, _, size = hidden.shape
@@ -115,13 +129,14 @@ class _Compiled(torch.autograd.Function):
         states = inputs.new_empty(*rows, drift.shape[-1])
         hiddens = seen = gates = None
         derive = derive and any(ctx.needs_input_grad)
+        assert normal is None or not derive, "noise has no derivative here"
         if derive or not drift.shape[-1]:  # without a state the hidden ones are what is wanted
             hiddens = inputs.new_empty(*rows, size)
         if derive:
             seen = inputs.new_empty(*rows, enter.shape[-2] + 1)
             gates = inputs.new_empty(*members, batch, steps, 4 * size)
             ctx.save_for_backward(enter, weight, out, hiddens, gates, seen)
-        arrays = (*tensors, hiddens, states, seen, gates)
+        arrays = (*tensors, *noise, hiddens, states, seen, gates)
         native.call(library.forward, ctx.count, sizes, keep, arrays)
         ctx.sizes, ctx.keep = sizes, keep
         ctx.set_materialize_grads(False)
@@ -162,6 +177,8 @@ class _Compiled(torch.autograd.Function):
             of_weight,
             of_bias,
             (by_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the other way round is slower
+            None,
+            None,
             None,
             None,
         )

@@ -18,7 +18,7 @@ class ResidualVae(OnMembers, Vae):
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
-    version = 3
+    version = 4
 
     def __init__(
         self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble

@@ -49,6 +49,7 @@ class Vae(OnBaseline):
             vae["hidden_size"],
             self.latent_size,
             increments=increments,
+            one_width=vae["width"] == "fixed",
             sees_target=vae["encoder"] == "target",
         )
 
@@ -73,19 +74,16 @@ class Vae(OnBaseline):
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
         history = states[:, :-1] if self.is_taught(step) else None
-        prediction = self.cvae.decode(s0, baseline, condition, latent, history)
-        loss, likelihood, divergence = self.cvae.loss(
-            prediction, truth, mean, log_variance, self.beta
+        given = (s0, baseline, condition, latent, history)
+        prediction, log_width = self.cvae.decode.distribution(*given)
+        loss, likelihood, divergence, variance = self.cvae.loss(
+            truth - prediction, log_width, mean, log_variance, self.beta
         )
-        self.cvae.measure(prediction, truth, max(RENEWED, 1 / (step + 1)))
+        self.cvae.decode.remember(variance, max(RENEWED, 1 / (step + 1)))
         return {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
-
-        A decoder that was taught with true states, noise and all, is fed what was drawn; one that
-        learned from its own predictions is fed those.
-        """
+        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean."""
         return self.generate(s0, actions, noise, member, None)
 
     def generate(
@@ -94,14 +92,10 @@ class Vae(OnBaseline):
         """As `sample`, with the ensemble's forecasts [S, M, T, D] where they are at hand."""
         samples = member.shape[1]
         baseline, condition = self.conditions(s0, actions, member, members)
-        start = each_sample(s0, samples)
         latent, normal = noise.flatten(0, 1).split_with_sizes(
             [self.latent_size, self.noise_size - self.latent_size], dim=-1
         )
-        drawn = normal * self.cvae.variance.sqrt() if self.draws else None
-        if self.feeding == "teacher":
-            forecasts = self.cvae.decode(start, baseline, condition, latent, innovation=drawn)
-        else:
-            forecasts = self.cvae.decode(start, baseline, condition, latent)
-            forecasts = forecasts if drawn is None else forecasts + drawn
+        given = (each_sample(s0, samples), baseline, condition, latent)
+        decode = self.cvae.decode
+        forecasts = decode.draw(*given, normal) if self.draws else decode(*given)
         return forecasts.unflatten(0, (-1, samples))

@@ -82,7 +82,7 @@ def test_compiled_it_is_the_same(
 ) -> None:
     """Forwards and backwards, against float64."""
     exact, given = (arguments(members, sizes, kind) for kind in (torch.float64, torch.float32))
-    expected, found = plain(*[*exact, keep])[1], feedback_gru(*[*given, keep])
+    expected, found = plain(*[*exact, keep])[1], feedback_gru(*[*given, keep])[1]
     assert "Compiled" in str(found.grad_fn)
     torch.testing.assert_close(found.double(), expected, rtol=1e-5, atol=1e-5)
     same(derivatives(found, given), derivatives(expected, exact))
@@ -103,23 +103,42 @@ def test_compiled_it_is_the_same_without_a_state(
     same(derivatives(found, own), derivatives(expected, [exact[i] for i in (0, 2, 4, 5, 6)]))
 
 
+@pytest.mark.parametrize("members", [(), (3,)])
+@pytest.mark.parametrize("sizes", SIZES)
+def test_compiled_its_noise_is_the_same(
+    sizes: tuple[int, int, int, int, int], members: tuple[int, ...], compiled: None
+) -> None:
+    """As wide as the hidden state says, and fed back."""
+    batch, steps, _, state, hidden = sizes
+    exact = [each.detach() for each in arguments(members, sizes, torch.float64)]
+    spread = torch.randn(*members, hidden + 1, state, dtype=torch.float64)
+    normal = torch.randn(*members, batch, steps, state, dtype=torch.float64)
+    given = [each.float() for each in exact]
+    _, expected = plain(*[*exact, 1.0, spread, normal])
+    _, found = feedback_gru(*[*given, 1.0, spread.float(), normal.float()])
+    torch.testing.assert_close(found.double(), expected, rtol=1e-4, atol=1e-4)
+    hiddens, without = (each[..., 0, :] for each in plain(*[*exact, 1.0]))
+    width = torch.tanh(hiddens @ spread[..., :-1, :] + spread[..., -1:, :]).exp()
+    torch.testing.assert_close(expected[..., 0, :], without + width * normal[..., 0, :])
+
+
 def test_a_trajectory_does_not_depend_on_those_beside_it(compiled: None) -> None:
     given = arguments((), (29, 6, 2, 3, 20), torch.float32)
-    whole = feedback_gru(*[*given, 1.0])
+    whole = feedback_gru(*[*given, 1.0])[1]
     for part in (slice(0, 1), slice(7, 20), slice(28, 29)):
         some = [each[part] for each in given[:4]] + given[4:]
-        assert torch.equal(feedback_gru(*[*some, 1.0]), whole[part])
+        assert torch.equal(feedback_gru(*[*some, 1.0])[1], whole[part])
 
 
 def test_neither_derivatives_nor_threads_change_the_numbers(compiled: None) -> None:
     given: list[Any] = [*arguments((3,), (29, 6, 2, 3, 20), torch.float32), 1.0]
-    expected = feedback_gru(*given)
+    expected = feedback_gru(*given)[1]
     with torch.no_grad():
-        quick = feedback_gru(*given)
+        quick = feedback_gru(*given)[1]
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(3)
-        apart = feedback_gru(*given)
+        apart = feedback_gru(*given)[1]
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(quick, expected)
@@ -141,7 +160,7 @@ def test_gates_that_saturate_and_numbers_that_are_none(compiled: None) -> None:
     given = [each.detach() for each in arguments((), (3, 4, 2, 3, 9), torch.float32)]
     given[0][0] *= 1e4
     given[0][1] = torch.nan
-    ours, theirs = feedback_gru(*[*given, 1.0]), plain(*[*given, 1.0])[1]
+    ours, theirs = feedback_gru(*[*given, 1.0])[1], plain(*[*given, 1.0])[1]
     torch.testing.assert_close(ours, theirs, equal_nan=True, rtol=1e-5, atol=1e-5)
     assert ours[1].isnan().all()
     assert ours[::2].isfinite().all()
@@ -166,6 +185,6 @@ def test_without_a_library_torch_does_it(
     try:
         assert native.library() is None
         given: list[Any] = [*arguments((), (2, 3, 2, 3, 4), torch.float32), 1.0]
-        assert torch.equal(feedback_gru(*given), plain(*given)[1])
+        assert torch.equal(feedback_gru(*given)[1], plain(*given)[1])
     finally:
         native.library.cache_clear()

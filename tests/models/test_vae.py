@@ -10,7 +10,7 @@ from torch.distributions import Normal, kl_divergence
 
 from study.data.scaling import Scaling
 from study.models.cvae import RecurrentCvae, kl_from_standard_normal
-from study.models.likelihood import negative_log_likelihood
+from study.models.likelihood import negative_log_likelihood, weighted_negative_log_likelihood
 from study.models.residual_vae import ResidualVae
 from study.models.vae import Vae
 from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
@@ -71,33 +71,31 @@ def test_full_vae_has_nothing_to_add_to() -> None:
 
 def test_the_loss_term_by_term() -> None:
     generator = np.random.default_rng(1)
-    prediction, truth = generator.normal(size=(2, 3, 4, STATE))
+    error, log_width = generator.normal(size=(2, 3, 4, STATE))
     mean, log_variance = generator.normal(size=(2, 3, 4, 5))
-    # σ of each dimension: that under which the batch is most likely.
-    scale = np.sqrt(np.square(truth - prediction).mean(axis=(0, 1)))
     beta = 0.3
+    # σ of each dimension: that under which the batch is most likely.
+    scale = np.sqrt(np.square(error / np.exp(log_width)).mean(axis=(0, 1)))
+    weight = np.exp(log_width) / np.exp(log_width).mean(axis=(0, 1))
     likelihood = divergence = 0.0
     for b in range(3):
         for t in range(4):
             for d in range(STATE):
-                sigma = scale[d]
-                error = truth[b, t, d] - prediction[b, t, d]
-                likelihood += 0.5 * (error / sigma) ** 2 + math.log(sigma * math.sqrt(2 * math.pi))
+                sigma = scale[d] * math.exp(log_width[b, t, d])
+                minus_log = 0.5 * (error[b, t, d] / sigma) ** 2
+                minus_log += math.log(sigma * math.sqrt(2 * math.pi))
+                likelihood += weight[b, t, d] * minus_log
             for z in range(5):
                 m, v = mean[b, t, z], math.exp(log_variance[b, t, z])
                 divergence += 0.5 * (m**2 + v - 1 - math.log(v))
     likelihood, divergence = likelihood / 12, divergence / 12
     cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 5).double()
-    loss, first, second = cvae.loss(
-        torch.tensor(prediction),
-        torch.tensor(truth),
-        torch.tensor(mean),
-        torch.tensor(log_variance),
-        beta,
-    )
+    error, log_width, mean, log_variance = map(torch.tensor, (error, log_width, mean, log_variance))
+    loss, first, second, variance = cvae.loss(error, log_width, mean, log_variance, beta)
     assert first.item() == pytest.approx(likelihood)
     assert second.item() == pytest.approx(divergence)
     assert loss.item() == pytest.approx(likelihood + beta * divergence)
+    np.testing.assert_allclose(variance, scale**2)
 
 
 def test_kl_and_likelihood_against_torch_distributions() -> None:
@@ -128,25 +126,80 @@ def test_the_likelihood_is_that_of_the_best_scale() -> None:
     torch.testing.assert_close(gradient, 0.5 / squares.detach())
 
 
+def test_of_one_width_the_weighted_likelihood_is_the_other() -> None:
+    torch.manual_seed(0)
+    error = torch.randn(6, 5, 3).double().requires_grad_()
+    found, variance = weighted_negative_log_likelihood(error, torch.zeros_like(error))
+    expected = negative_log_likelihood(error.square().mean((0, 1)))
+    torch.testing.assert_close(found, expected)
+    torch.testing.assert_close(variance, error.detach().square().mean((0, 1)))
+    ours, theirs = (torch.autograd.grad(each.sum(), error)[0] for each in (found, expected))
+    torch.testing.assert_close(ours, theirs)
+
+
+def test_the_best_width_is_the_noises() -> None:
+    """The weights of the β-NLL do not move its minimum: σ e^w is each step's own noise."""
+    torch.manual_seed(0)
+    noise = torch.tensor([0.5, 1.0, 2.0]).double()
+    error = torch.randn(10_000, 3, 1).double() * noise[:, None]
+    log_width = torch.zeros(3, 1).double().requires_grad_()
+    optimizer = torch.optim.Adam([log_width], 0.05)
+    for _ in range(200):
+        found, variance = weighted_negative_log_likelihood(error, log_width.expand_as(error))
+        optimizer.zero_grad()
+        found.sum().backward()
+        optimizer.step()
+    width = variance.sqrt() * torch.exp(log_width.detach()[:, 0])
+    torch.testing.assert_close(width, noise, rtol=0.03, atol=0.0)
+
+
+@pytest.mark.parametrize("width", ["state", "fixed"])
 @pytest.mark.parametrize("feeding", FEEDINGS)
-def test_a_state_is_drawn_from_the_decoders_distribution(feeding: str) -> None:
+def test_a_state_is_drawn_from_the_decoders_distribution(feeding: str, width: str) -> None:
     """With a decoder that gives ε̂ = 0 the forecast is its baseline and the noise of p_θ.
 
-    A taught decoder goes on from what was drawn, so that the noise of increments adds up.
+    The decoder goes on from what was drawn, so that the noise of increments adds up.
     """
-    vae = model("residual_vae", feeding=feeding)
+    vae = model("residual_vae", feeding=feeding, width=width)
     assert isinstance(vae, ResidualVae)
     assert vae.noise_size == vae.latent_size + STATE
-    vae.cvae.decode.out.weight.data.zero_()
-    vae.cvae.decode.out.bias.data.zero_()
-    vae.cvae.variance.copy_(torch.tensor([4.0, 1.0, 0.0]))
+    decode = vae.cvae.decode
+    decode.out.weight.data.zero_()
+    decode.out.bias.data.zero_()
+    decode.width.bias.data.copy_(torch.tensor([0.5, -0.5, 100.0]))
+    decode.variance.copy_(torch.tensor([4.0, 1.0, 0.25]))
     data, drawn = batch(), torch.zeros(8, 2, dtype=torch.int64)
     s0, actions = data["states"][:, 0], data["actions"]
     noise = torch.randn(8, 2, HORIZON, vae.noise_size)
     added = vae.sample(s0, actions, noise, drawn) - vae.ensemble(s0, actions)[:, :1]
-    normal = noise[..., vae.latent_size :] * torch.tensor([2.0, 1.0, 0.0])
-    expected = normal.cumsum(2) if feeding == "teacher" else normal
+    factor = torch.tensor([2.0, 1.0, 0.5]) * torch.tensor([0.5, -0.5, 100.0]).tanh().exp()
+    expected = (noise[..., vae.latent_size :] * factor).cumsum(2)
     torch.testing.assert_close(added, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_forecasts_noise_is_as_wide_as_the_likelihood_says() -> None:
+    """One step of `draw` against the mean and the width that `distribution` gives."""
+    torch.manual_seed(0)
+    decode = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, increments=True).decode
+    decode.width.weight.data.normal_()
+    decode.variance.copy_(torch.tensor([4.0, 1.0, 0.25]))
+    s0, baseline = torch.randn(5, STATE), torch.randn(5, HORIZON + 1, STATE)
+    condition, latent = torch.randn(5, HORIZON, ACTION), torch.randn(5, HORIZON, 4)
+    normal = torch.randn(5, HORIZON, STATE)
+    drawn = decode.draw(s0, baseline, condition, latent, normal)
+    history = torch.cat([s0[:, None], drawn[:, :-1]], dim=1)
+    mean, log_width = decode.distribution(s0, baseline, condition, latent, history)
+    assert log_width.std() > 0.1
+    scale = decode.variance.sqrt() * torch.exp(log_width)
+    torch.testing.assert_close(drawn, mean + scale * normal, rtol=1e-4, atol=1e-4)
+
+
+def test_a_fixed_width_is_not_learned() -> None:
+    vae = model("full_vae", width="fixed")
+    assert isinstance(vae, Vae)
+    vae.losses(batch(), 0)["loss"].backward()
+    assert vae.cvae.decode.width.weight.grad is None
+    assert vae.cvae.decode.out.weight.grad is not None
 
 
 def test_a_forecast_may_be_the_mean() -> None:
@@ -156,25 +209,26 @@ def test_a_forecast_may_be_the_mean() -> None:
     data, member = batch(), torch.zeros(8, 1, dtype=torch.int64)
     given = (data["states"][:, 0], data["actions"], torch.randn(8, 1, HORIZON, 4), member)
     forecast = vae.sample(*given)
-    vae.cvae.variance.fill_(100.0)
+    vae.cvae.decode.variance.fill_(100.0)
     torch.testing.assert_close(vae.sample(*given), forecast)
 
 
-def test_the_scale_is_measured_over_batches() -> None:
+def test_the_scale_is_remembered_over_batches() -> None:
     """The first batch gives σ² alone, later ones their share; and it is kept with the weights."""
-    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4)
-    truth = torch.zeros(2, HORIZON, STATE)
-    cvae.measure(truth + torch.tensor([1.0, 2.0, 3.0]), truth, 1.0)
-    torch.testing.assert_close(cvae.variance, torch.tensor([1.0, 4.0, 9.0]))
-    cvae.measure(truth, truth, 0.25)
-    torch.testing.assert_close(cvae.variance, 0.75 * torch.tensor([1.0, 4.0, 9.0]))
-    assert "variance" in cvae.state_dict()
+    decode = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4).decode
+    variance = torch.tensor([1.0, 4.0, 9.0])
+    decode.remember(variance, 1.0)
+    torch.testing.assert_close(decode.variance, variance)
+    decode.remember(torch.zeros(STATE), 0.25)
+    torch.testing.assert_close(decode.variance, 0.75 * variance)
+    assert "variance" in decode.state_dict()
 
 
 def test_training_measures_the_scale() -> None:
     vae = model("full_vae")
     assert isinstance(vae, Vae)
     torch.manual_seed(0)
+    vae.cvae.decode.width.bias.data.fill_(1.0)
     for step in range(60):
         vae.losses(batch(64), step)  # no optimiser: the error stays as it is
     data = batch(64)
@@ -185,8 +239,9 @@ def test_training_measures_the_scale() -> None:
         truth = data["states"][:, 1:]
         latent = vae.cvae.encode(truth, data["states"][:, :-1], condition)[0]
         given = (data["states"][:, 0], baseline, condition, latent, data["states"][:, :-1])
-        expected = (truth - vae.cvae.decode(*given)).square().mean((0, 1))
-    torch.testing.assert_close(vae.cvae.variance, expected, rtol=0.2, atol=0.0)
+        error = truth - vae.cvae.decode(*given)
+    expected = (error / math.exp(math.tanh(1.0))).square().mean((0, 1))
+    torch.testing.assert_close(vae.cvae.decode.variance, expected, rtol=0.2, atol=0.0)
 
 
 @pytest.mark.parametrize("increments", [True, False])
