@@ -63,6 +63,9 @@ class Ensemble:
 
     Args:
         members: M.
+        data: a member learns from all trajectories (`all`), or from all but its own share of 1/M
+            (`folds`); residuals are then taken to the member that left the trajectory out, as they
+            will be in a forecast.
         hidden_size: width of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
@@ -73,6 +76,7 @@ class Ensemble:
     """
 
     members: int = setting(5, low=1)
+    data: str = setting("all", choices=("all", "folds"))
     hidden_size: int = setting(64, low=1)
     steps: int = setting(600, low=1)
     batch_size: int = setting(32, low=1)
@@ -364,5 +368,7 @@ def _check_together(config: Config) -> None:
             f"collect.trajectories: got {collect.trajectories}; level high needs at least 2, so "
             f"at least {2 * collect.reduction} with collect.reduction {collect.reduction}"
         )
+    if config.ensemble.data == "folds" and config.ensemble.members < 2:
+        raise BadInput("ensemble.members: got 1; ensemble.data folds needs at least 2")
     if not config.name or "/" in config.name or config.name.startswith("."):
         raise BadInput(f"name: got '{config.name}'; it names a folder: letters, digits, - and _")

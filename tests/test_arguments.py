@@ -31,6 +31,7 @@ BAD = [
     (["all", "--collect.trajectories", "5"], "level high needs at least 2"),
     (["all", "--train.learning_rate", "0"], "train.learning_rate: got 0"),
     (["all", "--tune.beta_low", "2", "--tune.beta_high", "1"], "at most tune.beta_high"),
+    (["all", "--ensemble.data", "folds", "--ensemble.members", "1"], "needs at least 2"),
     (["all", "--vae.feeding", "fre"], "did you mean 'free'?"),
     (["all", "--engine.kind", "dusk"], "did you mean 'dask'?"),
     (["all", "--grid.environments", "[pushr]"], "did you mean 'pusher'?"),

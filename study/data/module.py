@@ -36,17 +36,24 @@ class ShuffledBatches(Sampler[Tensor]):
         batch_size: B, at most N.
         seeds: one for each order.
         single: one order without its axis: [B].
+        folds: order m leaves out every trajectory i with i mod `orders` = m.
     """
 
-    def __init__(self, size: int, batch_size: int, seeds: list[int], single: bool) -> None:
-        self.size, self.batch_size = size, min(batch_size, size)
-        self.seeds, self.single = seeds, single
+    def __init__(
+        self, size: int, batch_size: int, seeds: list[int], single: bool, folds: bool = False
+    ) -> None:
+        self.length = size - folds * -(-size // len(seeds))  # of an order
+        self.size, self.batch_size = size, min(batch_size, self.length)
+        self.seeds, self.single, self.folds = seeds, single, folds
 
     def __iter__(self) -> Iterator[Tensor]:
         generators = [torch.Generator().manual_seed(seed) for seed in self.seeds]
         while True:
-            orders = torch.stack([torch.randperm(self.size, generator=g) for g in generators])
-            for start in range(0, self.size - self.batch_size + 1, self.batch_size):
+            shuffled = [torch.randperm(self.size, generator=g) for g in generators]
+            if self.folds:
+                shuffled = [order[order % len(shuffled) != m] for m, order in enumerate(shuffled)]
+            orders = torch.stack([order[: self.length] for order in shuffled])
+            for start in range(0, self.length - self.batch_size + 1, self.batch_size):
                 batch = orders[:, start : start + self.batch_size]
                 yield batch[0] if self.single else batch
 
@@ -68,6 +75,7 @@ class TrajectoryModule(L.LightningDataModule):
         seed: of the order of the data.
         orders: number of independent orders; None is one, without its axis.
         members: [N, M, T, D] in SI units.
+        folds: each order leaves out its own share of the trajectories.
     """
 
     def __init__(
@@ -79,6 +87,7 @@ class TrajectoryModule(L.LightningDataModule):
         seed: int,
         orders: int | None = None,
         members: Floats | None = None,
+        folds: bool = False,
     ) -> None:
         super().__init__()
         tensors = {
@@ -96,7 +105,8 @@ class TrajectoryModule(L.LightningDataModule):
             }
         )
         seeds = [int(s % np.uint64(2**63)) for s in spawn(seed, orders or 1)]
-        self.sampler = ShuffledBatches(len(training), batch_size, seeds, single=orders is None)
+        single = orders is None
+        self.sampler = ShuffledBatches(len(training), batch_size, seeds, single, folds)
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Endless: training ends by its number of steps, or early."""

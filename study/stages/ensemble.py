@@ -33,6 +33,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     """See the module."""
     training, validation, scaling = training_data(settings, inputs["data"])
     options = settings["ensemble"]
+    folds = options.get("data") == "folds"
     data = TrajectoryModule(
         scaling,
         training,
@@ -40,6 +41,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
         options["batch_size"],
         derive(settings["seed"], "order"),
         orders=options["members"],
+        folds=folds,
     )
     torch.manual_seed(torch_seed(settings["seed"]))
     model = Ensemble(scaling, {"ensemble": options})
@@ -66,6 +68,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     save_model(model, "ensemble", out / "ensemble.safetensors")
     progress(0.95, "forecasts of the training trajectories")
     parts = members_in_parts(model, training.states[:, 0], training.actions)
+    if folds:
+        parts = that_left_it_out(parts)
     save_parts(out / "members.safetensors", ({"members": part} for part in parts), len(training))
 
 
@@ -91,6 +95,20 @@ def members_in_parts(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) 
         chunk = slice(start, start + CHUNK)
         standard = model.standard(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
         yield model.physical(model(*standard)).cpu().numpy()
+
+
+def that_left_it_out(parts: Iterator[Floats]) -> Iterator[Floats]:
+    """ŷ_m [n, M, T, D] of trajectories in a row: of each that member's for all which left it out.
+
+    See `ShuffledBatches`. So whatever member a residual model draws, it has never seen the
+    trajectory.
+    """
+    first = 0
+    for part in parts:
+        rows, members = np.arange(len(part)), part.shape[1]
+        chosen = part[rows, (first + rows) % members]
+        yield np.broadcast_to(chosen[:, None], part.shape)
+        first += len(part)
 
 
 def load_ensemble(folder: Path) -> Ensemble:
