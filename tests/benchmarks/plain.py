@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from study.models import Model
 from study.models.cvae import RecurrentCvae
 from study.models.ensemble import Ensemble, Members
+from study.models.gaussian_decoder import GaussianDecoder
 from study.models.residual_vae import ResidualVae
 from study.models.vae import Vae
 
@@ -77,22 +78,14 @@ class PlainCvae(nn.Module):
 
     def __init__(self, cvae: RecurrentCvae) -> None:
         super().__init__()
-        own = cvae.decode
-        self.increments, self.sees_target = own.increments, cvae.sees_target
-        self.register_buffer("output_scale", own.output_scale)
+        self.sees_target = cvae.sees_target
         self.encoder = _gru(
             cvae.encoder_driven.weight,
             cvae.encoder_recurrent.weight,
             cvae.encoder_driven.bias,
             cvae.encoder_recurrent.bias,
         )
-        self.decoder = _cell(
-            torch.cat([own.driven.weight, own.feed.weight], -1),
-            own.recurrent.weight,
-            own.driven.bias,
-            own.recurrent.bias,
-        )
-        self.posterior, self.start, self.out = cvae.posterior, own.start, own.out
+        self.posterior, self.decode = cvae.posterior, PlainDecoder(cvae.decode)
 
     loss = RecurrentCvae.loss
 
@@ -103,22 +96,59 @@ class PlainCvae(nn.Module):
         mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
-    def decode(
-        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, truth: None = None
-    ) -> Tensor:
-        """ŝ_{1:T}, the decoder fed its own predictions."""
+
+class PlainDecoder(nn.Module):
+    """`GaussianDecoder`, with its weights. What its methods take and give is said there."""
+
+    output_scale: Tensor
+    variance: Tensor
+
+    def __init__(self, decoder: GaussianDecoder) -> None:
+        super().__init__()
+        self.increments = decoder.increments
+        self.register_buffer("output_scale", decoder.output_scale)
+        self.register_buffer("variance", decoder.variance)
+        self.cell = _cell(
+            torch.cat([decoder.driven.weight, decoder.feed.weight], -1),
+            decoder.recurrent.weight,
+            decoder.driven.bias,
+            decoder.recurrent.bias,
+        )
+        self.start, self.out, self.width = decoder.start, decoder.out, decoder.width
+
+    remember = GaussianDecoder.remember
+
+    def distribution(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, truth: None
+    ) -> tuple[Tensor, Tensor]:
+        """ŝ_{1:T} and w_{1:T}, the decoder fed its own predictions."""
         assert truth is None
-        state, states = s0, []
+        return self.unroll(s0, baseline, condition, latent, torch.zeros_like(baseline[:, 1:]))
+
+    def draw(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, normal: Tensor
+    ) -> Tensor:
+        """s_{1:T}, each drawn and fed back."""
+        return self.unroll(s0, baseline, condition, latent, normal * self.variance.sqrt())[0]
+
+    def unroll(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, noise: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """s_{1:T} and w_{1:T}; the noise is as wide as w says, and fed back."""
+        state, states, widths = s0, [], []
         hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
         x = s0 - baseline[:, 0]
         inputs = torch.cat([condition, latent], -1).unbind(1)
-        for entering, base in zip(inputs, baseline[:, 1:].unbind(1), strict=True):
-            hidden = self.decoder(torch.cat([entering, state], -1), hidden)
+        given = zip(inputs, baseline[:, 1:].unbind(1), noise.unbind(1), strict=True)
+        for entering, base, drawn in given:
+            hidden = self.cell(torch.cat([entering, state], -1), hidden)
             output = self.out(hidden) * self.output_scale
-            x = x + output if self.increments else output
+            width = torch.tanh(self.width(hidden))
+            x = (x + output if self.increments else output) + torch.exp(width) * drawn
             state = x + base
             states.append(state)
-        return torch.stack(states, dim=1)
+            widths.append(width)
+        return torch.stack(states, dim=1), torch.stack(widths, dim=1)
 
 
 def _linear(weight: Tensor, bias: Tensor) -> nn.Linear:
