@@ -170,10 +170,13 @@ class Mlp:
     Args:
         hidden_size: width of each hidden layer.
         layers: hidden layers.
+        likelihood: that of all transitions alike (`plain`), or the wider ones count more
+            (`weighted`), as in the VAEs' likelihood: see `study/models/likelihood.py`.
     """
 
     hidden_size: int = setting(128, low=1)
     layers: int = setting(3, low=1)
+    likelihood: str = setting("weighted", choices=("plain", "weighted"))
 
 
 @dataclass(frozen=True)

@@ -47,5 +47,10 @@ def weighted_negative_log_likelihood(error: Tensor, log_width: Tensor) -> tuple[
     squares = (error * torch.exp(-log_width)).square()
     variance = squares.detach().mean((0, 1)).clamp(min=_LEAST)
     each = 0.5 * (squares / variance + variance.log() + math.log(2 * math.pi)) + log_width
+    return (by_width(log_width) * each).mean((0, 1)), variance
+
+
+def by_width(log_width: Tensor) -> Tensor:
+    """Weights of the β-NLL with β = ½: e^w / E e^w of each dimension, [B, T, D] from the same."""
     weight = torch.exp(log_width).detach()
-    return (weight * each).mean((0, 1)) / weight.mean((0, 1)), variance
+    return weight / weight.mean((0, 1))

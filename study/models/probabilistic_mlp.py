@@ -10,6 +10,7 @@ from torch.nn import functional
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model, each_sample, models
+from study.models.likelihood import by_width
 
 
 @models.register("probabilistic_mlp")
@@ -24,6 +25,7 @@ class ProbabilisticMlp(Model):
         settings: the sections `mlp` and `train` of the configuration.
     """
 
+    version = 2
     sections = ("mlp", "train")
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
@@ -46,12 +48,15 @@ class ProbabilisticMlp(Model):
         return mean, log_variance
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """−log p(s_{t+1} | s_t, a_t), averaged over transitions."""
+        """−log p(s_{t+1} | s_t, a_t), averaged over transitions, the wider ones counting more."""
         states = batch["states"]
         mean, log_variance = self(states[:, :-1], batch["actions"])
         change = (states[:, 1:] - states[:, :-1]) / self.change_scale
         squares = (change - mean).square() * torch.exp(-log_variance)
-        likelihood = 0.5 * (squares + log_variance + math.log(2 * math.pi)).sum(-1).mean()
+        each = 0.5 * (squares + log_variance + math.log(2 * math.pi))
+        if self.settings["mlp"]["likelihood"] == "weighted":
+            each = by_width(0.5 * log_variance) * each
+        likelihood = each.sum(-1).mean()
         # Draws the bounds towards what the data need (Chua et al. 2018, appendix A.1).
         loss = likelihood + 0.01 * (self.highest.sum() - self.lowest.sum())
         return {"loss": loss, "loss/negative_log_likelihood": likelihood}

@@ -32,6 +32,7 @@ MEMBERS, HIDDEN, LAYERS = 3, 8, 2
 def ours() -> ProbabilisticEnsemble:
     made = model("probabilistic_ensemble")
     assert isinstance(made, ProbabilisticEnsemble)
+    made.settings["mlp"]["likelihood"] = "plain"  # as mbrl's; the members share these settings
     torch.manual_seed(3)
     highest, lowest = torch.rand(STATE), -3.0 + torch.rand(STATE)
     for member in made.each():

@@ -14,8 +14,12 @@ def mlp() -> ProbabilisticMlp:
     return made
 
 
-def test_the_likelihood_against_torch_distributions(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("likelihood", ["plain", "weighted"])
+def test_the_likelihood_against_torch_distributions(
+    likelihood: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     network = mlp()
+    network.settings["mlp"]["likelihood"] = likelihood
     logged: dict[str, torch.Tensor] = {}
     monkeypatch.setattr(network, "tell", logged.update)
     torch.manual_seed(0)
@@ -23,7 +27,10 @@ def test_the_likelihood_against_torch_distributions(monkeypatch: pytest.MonkeyPa
     network.training_step({"states": states, "actions": actions})
     mean, log_variance = network(states[:, :-1], actions)
     change = (states[:, 1:] - states[:, :-1]) / network.change_scale
-    expected = -Normal(mean, torch.exp(0.5 * log_variance)).log_prob(change).sum(-1).mean()
+    scale = torch.exp(0.5 * log_variance)
+    each = -Normal(mean, scale).log_prob(change)
+    weight = scale / scale.mean((0, 1)) if likelihood == "weighted" else 1.0
+    expected = (weight * each).sum(-1).mean()
     torch.testing.assert_close(logged["loss/negative_log_likelihood"].detach(), expected.detach())
 
 
