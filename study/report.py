@@ -9,11 +9,10 @@ import shutil
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
-from study import __version__, checksums, claims
+from study import __version__, checksums, claims, trials
 from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
@@ -272,16 +271,8 @@ def _trials(store: Store, complete: Records) -> pd.DataFrame:
             rows += [
                 asdict(cell)
                 | {name: trial[name] for name in ("number", "state", "beta")}
-                | {"value": trial_value(trial), "chosen": trial["beta"] == tuning["beta"]}
+                | {"value": trials.score(trial), "chosen": trial["beta"] == tuning["beta"]}
                 for trial in tuning["trials"]
             ]
     columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
     return pd.DataFrame(rows, columns=[*columns, "chosen"])
-
-
-def trial_value(trial: dict[str, Any]) -> float | None:
-    """The score of a trial of ``tuning.json``; of one that was pruned the last that it reported."""
-    told = trial["intermediate"]
-    if trial["value"] is not None or not told:
-        return trial["value"]
-    return float(told[max(told, key=int)])  # as text, step 50 comes after step 200

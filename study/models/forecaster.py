@@ -95,7 +95,7 @@ class Model(L.LightningModule):
             batch: see `TrajectoryModule`.
             step: steps of the optimiser that were taken before.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} needs `losses` or a `training_step`")
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
         """One batch."""

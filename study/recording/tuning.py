@@ -12,6 +12,7 @@ from study.recording.charts import Axis, Chart
 from study.recording.palette import FORECAST, STATE, TARGET, faint
 from study.recording.properties import Properties, table, write_readme
 from study.recording.streams import finite, recording, send_scalars
+from study.trials import score
 
 KIND = "tuning"
 TIMELINE = "trial"
@@ -40,7 +41,7 @@ def record_tuning(path: Path, trials: Sequence[dict[str, Any]], properties: Prop
     ordered = sorted(trials, key=lambda trial: int(trial["number"]))
     numbers = np.array([trial["number"] for trial in ordered], dtype=np.int64)
     betas = np.array([trial["beta"] for trial in ordered], dtype=np.float64)
-    values = finite(np.array([_score(trial) for trial in ordered], dtype=np.float64))
+    values = finite(np.array([score(trial) for trial in ordered], dtype=np.float64))
     complete = np.array([trial["state"] == "complete" for trial in ordered], dtype=bool)
     best = best_so_far(np.where(complete, values, np.nan))
 
@@ -73,18 +74,14 @@ def best_so_far(values: np.ndarray) -> np.ndarray:
     return np.fmin.accumulate(values)
 
 
-def _score(trial: dict[str, Any]) -> float:
-    """The value of a trial; of a pruned one, the last intermediate value."""
-    if trial["value"] is not None:
-        return float(trial["value"])
-    steps = trial["intermediate"]
-    return float(steps[max(steps)]) if steps and trial["state"] == "pruned" else float("nan")
-
-
 def _best_index(best: np.ndarray) -> int | None:
     if not np.isfinite(best).any():
         return None
     return int(np.flatnonzero(best == np.nanmin(best))[0])
+
+
+def _told(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
 
 
 def _table(trials: Sequence[dict[str, Any]], best: np.ndarray) -> str:
@@ -96,7 +93,7 @@ def _table(trials: Sequence[dict[str, Any]], best: np.ndarray) -> str:
         f"(trial {trials[winner]['number']} of {len(trials)})."
     )
     rows = [
-        (str(trial["number"]), f"{trial['beta']:.4g}", f"{_score(trial):.4g}", str(trial["state"]))
+        (str(trial["number"]), f"{trial['beta']:.4g}", _told(score(trial)), str(trial["state"]))
         for trial in trials
     ]
     return f"\n{headline}\n\n{table(('trial', 'β', 'score', 'state'), rows)}\n"

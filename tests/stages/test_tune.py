@@ -13,8 +13,8 @@ from study.artifacts import Store, Task
 from study.files import read_json
 from study.grid import Cell
 from study.pipeline import Pipeline
-from study.report import trial_value
 from study.stages.tune import sampler
+from study.trials import score
 from tests.running import SMALL, SMOKE, Done
 
 CELL = Cell("cart", "low", "full_vae", 0)
@@ -81,6 +81,6 @@ def test_the_first_trials_cover_the_range_evenly_in_its_logarithm() -> None:
 
 def test_a_pruned_trial_counts_by_its_last_report() -> None:
     reports = {"100": 0.3, "150": 0.2, "50": 0.5}
-    assert trial_value({"value": None, "intermediate": reports}) == 0.2
-    assert trial_value({"value": 0.1, "intermediate": reports}) == 0.1
-    assert trial_value({"value": None, "intermediate": {}}) is None
+    assert score({"value": None, "intermediate": reports}) == 0.2
+    assert score({"value": 0.1, "intermediate": reports}) == 0.1
+    assert score({"value": None, "intermediate": {}}) is None
