@@ -65,7 +65,8 @@ class Ensemble:
         members: M.
         data: a member learns from all trajectories (`all`), or from all but its own share of 1/M
             (`folds`); residuals are then taken to the member that left the trajectory out, as they
-            will be in a forecast.
+            will be in a forecast. (To the CRPS generators, which score forecasts from several
+            members together, that takes away how the members differ.)
         hidden_size: width of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.

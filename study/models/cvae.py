@@ -73,6 +73,8 @@ class RecurrentCvae(nn.Module):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Equation (12), averaged over the batch and over t, and its two parts.
 
+        The likelihood is weighted: see `weighted_negative_log_likelihood`.
+
             l_t = −E_q[log p_θ(s_{t+1} | ε̂_{t+1} + ŝ^m_{t+1})] + β KL[q_φ(z_t | ·) ‖ p(z_t)]
 
         Args:

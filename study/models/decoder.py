@@ -1,5 +1,7 @@
 """The recurrent decoder of Figure 2 (right), which the VAEs and the CRPS generators share."""
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -68,10 +70,9 @@ class RecurrentDecoder(nn.Module):
         condition: Tensor,
         latent: Tensor,
         truth: Tensor | None = None,
-        spread: Tensor | None = None,
-        normal: Tensor | None = None,
+        **noise: Any,
     ) -> tuple[Tensor, Tensor]:
-        """The hidden states and ŝ_{1:T}; with noise, see `feedback_gru`, it is fed back too."""
+        """Hidden states and ŝ_{1:T}; free running takes noise and `hiddens` of `feedback_gru`."""
         hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
         inputs = torch.cat([condition, latent], -1)
         enter = torch.cat([self.driven.weight, self.feed.weight], -1).T
@@ -83,6 +84,6 @@ class RecurrentDecoder(nn.Module):
         drift = drift + offset
         if truth is None:
             sequence = (inputs, drift, hidden, s0, enter, weight, bias, out, keep)
-            return feedback_gru(*sequence, spread, normal)
+            return feedback_gru(*sequence, **noise)
         hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
         return hiddens, keep * truth + hiddens @ out + drift

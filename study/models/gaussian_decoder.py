@@ -9,8 +9,8 @@ from study.models.decoder import RecurrentDecoder
 class GaussianDecoder(RecurrentDecoder):
     """p_θ(s_{t+1} | ·) = N(ŝ_{t+1}, σ² exp(2 w_{t+1})), w_{t+1} = tanh(W h_{t+1} + c).
 
-    σ is one number for each dimension, the scale of all one-step errors. w says how much wider or
-    narrower the distribution is here and now: wind makes a flight less certain, a ball at rest
+    σ is one number for each dimension, the scale of all errors in training. w says how much wider
+    or narrower the distribution is here and now: wind makes a flight less certain, a ball at rest
     stays where it is. It is bounded, so that noise that is fed back cannot widen without end.
 
     Args:
@@ -46,7 +46,7 @@ class GaussianDecoder(RecurrentDecoder):
         truth: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """ŝ_{1:T} and w_{1:T}, [B, T, D] each. Arguments as of `RecurrentDecoder.forward`."""
-        hiddens, mean = self.unroll(s0, baseline, condition, latent, truth)
+        hiddens, mean = self.unroll(s0, baseline, condition, latent, truth, hiddens=True)
         return mean, torch.tanh(self.width(hiddens))
 
     @torch.no_grad()
@@ -56,7 +56,7 @@ class GaussianDecoder(RecurrentDecoder):
         """s_{1:T} [B, T, D], each drawn from p_θ and fed back; normal: [B, T, D], standard."""
         spread = torch.cat([self.width.weight.T, self.width.bias[None]])
         noise = normal * self.variance.sqrt()
-        return self.unroll(s0, baseline, condition, latent, None, spread, noise)[1]
+        return self.unroll(s0, baseline, condition, latent, spread=spread, noise=noise)[1]
 
     def remember(self, variance: Tensor, share: float) -> None:
         """Take a batch's σ² [D] into the running mean, by the share given; 1 forgets the rest.

@@ -1,4 +1,4 @@
-"""The Gaussian likelihoods that the ensemble and the VAEs are fitted by."""
+"""The Gaussian likelihoods that the models are fitted by."""
 
 import math
 
@@ -30,19 +30,19 @@ def negative_log_likelihood(squared_error: Tensor) -> Tensor:
 def weighted_negative_log_likelihood(error: Tensor, log_width: Tensor) -> tuple[Tensor, Tensor]:
     """The same with a width that varies, weighted so that wide steps are learned as well.
 
-        min_σ E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w
+        E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w,   σ² = E[(s − ŝ)² / e^2w]
 
-    but with σ the best without the weights, which no derivative goes through. (Seitzer et al.,
-    ICLR 2022: the β-NLL with β = ½. Without weights a step whose error was first taken for noise
-    hardly counts, and is never learned.) With w = 0 it is `negative_log_likelihood`, and so is its
-    derivative by the error.
+    where no derivative goes through the weights or σ. (Seitzer et al., ICLR 2022: the β-NLL, with
+    its β, which is not that of equation 12, at ½. Without weights a step whose error was first
+    taken for noise hardly counts, and is never learned.) With w = 0 it is
+    `negative_log_likelihood`, and so is its derivative by the error.
 
     Args:
         error: s − ŝ [B, T, D].
         log_width: w [B, T, D].
 
     Returns:
-        for each dimension the likelihood and σ² = E[(s − ŝ)² / e^2w], [D] each.
+        for each dimension the likelihood and σ², [D] each.
     """
     squares = (error * torch.exp(-log_width)).square()
     variance = squares.detach().mean((0, 1)).clamp(min=_LEAST)
@@ -51,6 +51,6 @@ def weighted_negative_log_likelihood(error: Tensor, log_width: Tensor) -> tuple[
 
 
 def by_width(log_width: Tensor) -> Tensor:
-    """Weights of the β-NLL with β = ½: e^w / E e^w of each dimension, [B, T, D] from the same."""
+    """Weights e^w / E e^w in each dimension, [B, T, D] from w [B, T, D], without a derivative."""
     weight = torch.exp(log_width).detach()
     return weight / weight.mean((0, 1))

@@ -121,7 +121,7 @@ static float *zeros(long count)
    inputs [M, B, T, C], drift [M, B, T, D], hidden [M, B, H], state [M, B, D],
    enter [M, C + D, 3H] (of the inputs, then of the state), weight [M, H, 3H],
    bias [M, 2, 3H] (of the inputs, of the hidden state), out [M, H, D]. Noise, where not null:
-   normal [M, B, T, D] and spread [M, H + 1, D] (of the hidden state, then the bias).
+   noise [M, B, T, D] and spread [M, H + 1, D] (of the hidden state, then the bias).
 
    Writes states [M, B, T + 1, D] and, where not null, hiddens [M, B, T + 1, H] and what the
    derivative needs besides: seen [M, B, T + 1, C + D + 1], that is the inputs, the state and a 1, and gates
@@ -130,7 +130,7 @@ void forward(
     long first, long last, long batch, long steps, long C, long D, long H, float keep,
     const float *inputs, const float *drift, const float *hidden, const float *state,
     const float *enter, const float *weight, const float *bias, const float *out,
-    const float *spread, const float *normal, float *hiddens, float *states, float *seen,
+    const float *spread, const float *noise, float *hiddens, float *states, float *seen,
     float *gates)
 {
     const long blocks = (batch + ROWS - 1) / ROWS, X = C + D, HH = padded(H), DD = padded(D);
@@ -152,7 +152,7 @@ void forward(
             pack(re, H, 2 * H, 3 * H, 1, weight_both);
             pack(re + 2 * H, H, H, 3 * H, 1, weight_n);
             pack(out + m * H * D, H, D, D, 1, out_packed);
-            if (normal) pack(spread + m * (H + 1) * D, H, D, D, 1, spread_packed);
+            if (noise) pack(spread + m * (H + 1) * D, H, D, D, 1, spread_packed);
             for (long j = 0; j < 2 * H; j++) start[j] = b[j] + b[3 * H + j];
             memcpy(start + both, b + 2 * H, H * sizeof(float));
             memcpy(start + both + HH, b + 5 * H, H * sizeof(float));
@@ -207,16 +207,16 @@ void forward(
                 for (long j = 0; j < D; j++) next[j] = keep * next[j] + add[j];
             }
             product(rows, H, DD, h, HH, out_packed, s, DD);
-            if (normal) {
+            if (noise) {
                 const float *offset = spread + (m * (H + 1) + H) * D;
                 for (long i = 0; i < rows; i++) memcpy(w + i * DD, offset, D * sizeof(float));
                 product(rows, H, DD, h, HH, spread_packed, w, DD);
             }
-            for (long i = 0; normal && i < rows; i++) {
-                const float *own = normal + ((m * batch + row + i) * steps + t) * D;
+            for (long i = 0; noise && i < rows; i++) {
+                const float *own = noise + ((m * batch + row + i) * steps + t) * D;
                 for (long j = 0; j < DD; j += LANES) {
-                    vec *width = (vec *)(w + i * DD + j);
-                    *width = exponential(hyperbolic_tangent(*width));
+                    vec *factor = (vec *)(w + i * DD + j);
+                    *factor = exponential(hyperbolic_tangent(*factor));
                 }
                 for (long j = 0; j < D; j++) s[i * DD + j] += w[i * DD + j] * own[j];
             }

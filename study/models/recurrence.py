@@ -24,13 +24,14 @@ def feedback_gru(
     out: Tensor,
     keep: float,
     spread: Tensor | None = None,
-    normal: Tensor | None = None,
+    noise: Tensor | None = None,
+    hiddens: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """h_1 … h_T and s_1 … s_T of a GRU whose output state is fed back.
 
         x = [i_t, s_t] enter + bias_0,   g = h_t weight + bias_1
         r, u = σ(x + g),   n = tanh(x + r · g),   h_{t+1} = (1 − u) n + u h_t
-        s_{t+1} = keep · s_t + h_{t+1} out + drift_t + exp(w_{t+1}) · normal_t
+        s_{t+1} = keep · s_t + h_{t+1} out + drift_t + exp(w_{t+1}) · noise_t
         w_{t+1} = tanh([h_{t+1}, 1] spread)
 
     (The GRU of Cho et al. 2014, in the form of `torch.nn.GRU`; r, u and n have a third each of
@@ -46,29 +47,32 @@ def feedback_gru(
         bias: [..., 2, 3H].
         out: [..., H, D].
         keep: 1 where the unit gives the state's change, 0 where it gives the state.
-        spread: of the noise, [..., H + 1, D]; it and `normal` only where no derivative is wanted.
-        normal: [..., B, T, D]; without it there is no noise.
+        spread: of the noise, [..., H + 1, D]; it and `noise` only where no derivative is wanted.
+        noise: [..., B, T, D].
+        hiddens: whether h is wanted; else it may be empty.
 
     Returns:
-        h [..., B, T, H], which may be empty where no derivative is wanted, and s [..., B, T, D].
+        h [..., B, T, H] and s [..., B, T, D].
     """
-    return _either(inputs, drift, hidden, state, enter, weight, bias, out, keep, spread, normal)
+    given = (inputs, drift, hidden, state, enter, weight, bias, out, keep, spread, noise)
+    return _either(given, hiddens)
 
 
 def gru(inputs: Tensor, hidden: Tensor, enter: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """h_1 … h_T [..., B, T, H] of the same unit without a state: see `feedback_gru`."""
     drift, state, out = (each[..., :0] for each in (inputs, hidden, weight))
-    return _either(inputs, drift, hidden, state, enter, weight, bias, out, 0.0, None, None)[0]
+    given = (inputs, drift, hidden, state, enter, weight, bias, out, 0.0, None, None)
+    return _either(given, True)[0]
 
 
-def _either(*given: Any) -> tuple[Tensor, Tensor]:
+def _either(given: tuple[Any, ...], wanted: bool) -> tuple[Tensor, Tensor]:
     """Hidden states and states, compiled or not; compiled, only what the caller needs."""
     tensors = [each for each in given if isinstance(each, Tensor)]
     alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in tensors)
     if alike and native.library() is not None:
         # Inside, autograd says of each argument whether it has a derivative, but not whether
         # one is wanted: without, what it takes is neither computed nor kept.
-        hiddens, states = _Compiled.apply(*given, torch.is_grad_enabled())
+        hiddens, states = _Compiled.apply(*given, wanted, torch.is_grad_enabled())
         return hiddens, states
     return plain(*given)
 
@@ -84,7 +88,7 @@ def plain(
     out: Tensor,
     keep: float,
     spread: Tensor | None = None,
-    normal: Tensor | None = None,
+    noise: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """`feedback_gru`, step by step in torch, which derives it as well."""
     driving, feeding = enter.split([inputs.shape[-1], state.shape[-1]], dim=-2)
@@ -92,9 +96,9 @@ def plain(
     # For all steps at once, and the sequence taken apart once: an index into it at every step
     # would cost the derivative a copy of the whole each time.
     driven = inputs @ driving.unsqueeze(-3) + from_inputs.unsqueeze(-3)
-    noise = [None] * drift.shape[-2] if normal is None else normal.unbind(-2)
+    draws = [None] * drift.shape[-2] if noise is None else noise.unbind(-2)
     hiddens, states = [], []
-    for entering, drifting, drawn in zip(driven.unbind(-2), drift.unbind(-2), noise, strict=True):
+    for entering, drifting, drawn in zip(driven.unbind(-2), drift.unbind(-2), draws, strict=True):
         x = entering + state @ feeding
         g = hidden @ weight + from_hidden
         (x_r, x_u, x_n), (g_r, g_u, g_n) = x.chunk(3, dim=-1), g.chunk(3, dim=-1)
@@ -115,11 +119,11 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
-        *given, keep, spread, normal, derive = arguments
+        *given, keep, spread, noise, wanted, derive = arguments
         library = native.library()
         assert library is not None
         tensors = tuple(tensor.contiguous() for tensor in given)
-        noise = tuple(None if each is None else each.contiguous() for each in (spread, normal))
+        added = tuple(None if each is None else each.contiguous() for each in (spread, noise))
         inputs, drift, hidden, _, enter, weight, _, out = tensors
         *_, batch, steps, width = inputs.shape
         *members, _, size = hidden.shape
@@ -129,14 +133,14 @@ class _Compiled(torch.autograd.Function):
         states = inputs.new_empty(*rows, drift.shape[-1])
         hiddens = seen = gates = None
         derive = derive and any(ctx.needs_input_grad)
-        assert normal is None or not derive, "noise has no derivative here"
-        if derive or not drift.shape[-1]:  # without a state the hidden ones are what is wanted
+        assert noise is None or not derive, "noise has no derivative here"
+        if derive or wanted:
             hiddens = inputs.new_empty(*rows, size)
         if derive:
             seen = inputs.new_empty(*rows, enter.shape[-2] + 1)
             gates = inputs.new_empty(*members, batch, steps, 4 * size)
             ctx.save_for_backward(enter, weight, out, hiddens, gates, seen)
-        arrays = (*tensors, *noise, hiddens, states, seen, gates)
+        arrays = (*tensors, *added, hiddens, states, seen, gates)
         native.call(library.forward, ctx.count, sizes, keep, arrays)
         ctx.sizes, ctx.keep = sizes, keep
         ctx.set_materialize_grads(False)
@@ -177,8 +181,5 @@ class _Compiled(torch.autograd.Function):
             of_weight,
             of_bias,
             (by_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the other way round is slower
-            None,
-            None,
-            None,
-            None,
+            *(None,) * 5,
         )

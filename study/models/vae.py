@@ -83,7 +83,11 @@ class Vae(OnBaseline):
         return {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean."""
+        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
+
+        A decoder that was taught with true states, noise and all, is fed what was drawn; one that
+        learned from its own predictions is fed those.
+        """
         return self.generate(s0, actions, noise, member, None)
 
     def generate(
@@ -97,5 +101,11 @@ class Vae(OnBaseline):
         )
         given = (each_sample(s0, samples), baseline, condition, latent)
         decode = self.cvae.decode
-        forecasts = decode.draw(*given, normal) if self.draws else decode(*given)
+        if not self.draws:
+            forecasts = decode(*given)
+        elif self.feeding == "teacher":
+            forecasts = decode.draw(*given, normal)
+        else:
+            mean, log_width = decode.distribution(*given)
+            forecasts = mean + decode.variance.sqrt() * torch.exp(log_width) * normal
         return forecasts.unflatten(0, (-1, samples))

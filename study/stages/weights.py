@@ -9,6 +9,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from study.data.scaling import Scaling
+from study.errors import StudyError
 from study.models import Model, models
 from study.models.ensemble import Ensemble
 
@@ -46,13 +47,23 @@ def save_model(model: Model, name: str, path: Path, beta: float | None = None) -
 
 
 def load_model(path: Path) -> Model:
-    """Read what `save_model` wrote, ready to forecast."""
+    """Read what `save_model` wrote, ready to forecast.
+
+    Raises:
+        StudyError: the file is of a version of the study whose model was another.
+    """
     with safe_open(path, framework="np") as file:
         facts = json.loads(file.metadata()["facts"])
     tensors = load_file(path)
     names = ("state_mean", "state_scale", "action_mean", "action_scale", "change_scale", "turned")
     scaling = Scaling(*(np.asarray(tensors[name].numpy()) for name in names))
     ensemble = Ensemble(scaling, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
-    model = build(facts["model"], scaling, facts["settings"], facts["beta"], ensemble)
-    model.load_state_dict(tensors)
+    try:
+        model = build(facts["model"], scaling, facts["settings"], facts["beta"], ensemble)
+        model.load_state_dict(tensors)
+    except (KeyError, RuntimeError) as error:
+        raise StudyError(
+            f"{path}: weights of a {facts['model']} of another version of the study; run the study "
+            "again, or use the version that made them"
+        ) from error
     return model.eval()

@@ -119,7 +119,7 @@ class PlainDecoder(nn.Module):
     remember = GaussianDecoder.remember
 
     def distribution(
-        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, truth: None
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, truth: None = None
     ) -> tuple[Tensor, Tensor]:
         """ŝ_{1:T} and w_{1:T}, the decoder fed its own predictions."""
         assert truth is None

@@ -58,7 +58,7 @@ def operations(name: str, config: Config, state: int, action: int) -> int:
         layers = [(2 * state + condition, 3 * hidden, False), (hidden, 3 * hidden, True)]
         layers += [(hidden, 2 * latent, True)]  # the encoder ends, the decoder begins
         layers += [(condition, 3 * hidden, False), (latent + state, 3 * hidden, True)]
-        layers += [(hidden, 3 * hidden, True), (hidden, state, True)]
+        layers += [(hidden, 3 * hidden, True), (hidden, 2 * state, True)]
     return sum(2 * i * o * (3 if derived else 2) for i, o, derived in layers)
 
 

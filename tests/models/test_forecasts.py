@@ -8,8 +8,10 @@ import pytest
 import torch
 
 from study.data.scaling import Scaling
-from study.models import models
+from study.errors import StudyError
+from study.models import Model, models
 from study.models.ensemble import Ensemble
+from study.models.gaussian_decoder import GaussianDecoder
 from study.seeds import spawn
 from study.stages.weights import build, load_model, save_model
 from tests.models.common import ACTION, HORIZON, STATE, model, settings, trajectories
@@ -31,9 +33,21 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("residual_vae", {"encoder": "history"}),
     ("residual_vae", {"feeding": "schedule"}),
     ("full_vae", {"forecast": "mean"}),
+    ("residual_vae", {"width": "fixed"}),
     ("probabilistic_ensemble", {"propagation": "step"}),
 ]
 EVERY: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in NAMES] + VARIANTS
+
+
+def varied(name: str, **variant: Any) -> Model:
+    """A model whose decoder's noise varies with the past, as it does after training."""
+    made = model(name, **variant)
+    for part in made.modules():
+        if isinstance(part, GaussianDecoder):
+            part.variance.copy_(torch.tensor([0.5, 1.0, 2.0]))
+            if part.width.weight.requires_grad:
+                part.width.weight.data.normal_()
+    return made
 
 
 def given(count: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -47,7 +61,7 @@ def test_the_papers_models_are_registered() -> None:
 
 @pytest.mark.parametrize(("name", "variant"), EVERY)
 def test_shape_and_reproducibility(name: str, variant: dict[str, Any]) -> None:
-    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecaster, (s0, actions, seeds) = varied(name, **variant), given()
     forecasts = forecaster.forecast(s0, actions, 4, seeds)
     assert forecasts.shape == (5, 4, HORIZON, STATE)
     assert forecasts.dtype == np.float32
@@ -59,7 +73,7 @@ def test_shape_and_reproducibility(name: str, variant: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(("name", "variant"), EVERY)
 def test_a_scenario_does_not_know_of_the_others(name: str, variant: dict[str, Any]) -> None:
-    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecaster, (s0, actions, seeds) = varied(name, **variant), given()
     forecasts = forecaster.forecast(s0, actions, 4, seeds)
     order = np.array([3, 0, 4, 1, 2])
     shuffled = forecaster.forecast(s0[order], actions[order], 4, seeds[order])
@@ -71,7 +85,7 @@ def test_a_scenario_does_not_know_of_the_others(name: str, variant: dict[str, An
 @pytest.mark.parametrize(("name", "variant"), EVERY)
 def test_a_forecast_is_causal(name: str, variant: dict[str, Any]) -> None:
     """a_t leads from s_t to s_{t+1}: it changes ŝ_{t+1} and later ones, and none before."""
-    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecaster, (s0, actions, seeds) = varied(name, **variant), given()
     forecasts = forecaster.forecast(s0, actions, 4, seeds)
     for step in range(HORIZON):
         other = actions.copy()
@@ -85,7 +99,7 @@ def test_a_forecast_is_causal(name: str, variant: dict[str, Any]) -> None:
 def test_saved_and_loaded_it_is_the_same(
     name: str, variant: dict[str, Any], tmp_path: Path
 ) -> None:
-    forecaster, (s0, actions, seeds) = model(name, **variant), given()
+    forecaster, (s0, actions, seeds) = varied(name, **variant), given()
     path = tmp_path / "model.safetensors"
     save_model(forecaster, name, path, beta=0.1)
     again = load_model(path).forecast(s0, actions, 4, seeds)
@@ -96,7 +110,7 @@ def test_saved_and_loaded_it_is_the_same(
 
 
 def test_a_member_is_kept_over_the_horizon() -> None:
-    forecaster, (s0, actions, seeds) = model("ensemble"), given()
+    forecaster, (s0, actions, seeds) = varied("ensemble"), given()
     forecasts = forecaster.forecast(s0, actions, 50, seeds)
     standard = forecaster.standard(torch.from_numpy(s0), torch.from_numpy(actions))
     members = forecaster.physical(forecaster(*standard))
@@ -109,7 +123,7 @@ def test_a_member_is_kept_over_the_horizon() -> None:
 
 @pytest.mark.parametrize("name", ["residual_vae", "residual_crps"])
 def test_an_ensemble_forecasts_in_a_model_as_it_does_alone(name: str) -> None:
-    ensemble: Any = model("ensemble")
+    ensemble: Any = varied("ensemble")
     for index, parameter in enumerate(ensemble.parameters()):
         torch.nn.init.normal_(parameter, generator=torch.Generator().manual_seed(index))
     alone = ensemble.forecast(*given()[:2], 4, given()[2])
@@ -119,5 +133,14 @@ def test_an_ensemble_forecasts_in_a_model_as_it_does_alone(name: str) -> None:
 
 
 def test_batches_have_the_sizes_of_the_data() -> None:
-    forecaster = model("probabilistic_mlp")
+    forecaster = varied("probabilistic_mlp")
     assert (forecaster.state_size, forecaster.action_size) == (STATE, ACTION)
+
+
+def test_weights_of_another_version_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "model.safetensors"
+    network = model("full_vae")
+    del network.settings["vae"]["width"]
+    save_model(network, "full_vae", path, beta=0.1)
+    with pytest.raises(StudyError, match="of another version of the study"):
+        load_model(path)

@@ -82,10 +82,16 @@ def test_compiled_it_is_the_same(
 ) -> None:
     """Forwards and backwards, against float64."""
     exact, given = (arguments(members, sizes, kind) for kind in (torch.float64, torch.float32))
-    expected, found = plain(*[*exact, keep])[1], feedback_gru(*[*given, keep])[1]
-    assert "Compiled" in str(found.grad_fn)
+    # Hidden states and states side by side: a loss may be of both.
+    expected, found = (
+        torch.cat(plain(*[*exact, keep]), -1),
+        torch.cat(feedback_gru(*[*given, keep]), -1),
+    )
     torch.testing.assert_close(found.double(), expected, rtol=1e-5, atol=1e-5)
     same(derivatives(found, given), derivatives(expected, exact))
+    states = feedback_gru(*[*given, keep])[1]
+    assert "Compiled" in str(states.grad_fn)
+    same(derivatives(states, given), derivatives(plain(*[*exact, keep])[1], exact))
 
 
 @pytest.mark.parametrize("members", [(), (3,)])
@@ -103,23 +109,24 @@ def test_compiled_it_is_the_same_without_a_state(
     same(derivatives(found, own), derivatives(expected, [exact[i] for i in (0, 2, 4, 5, 6)]))
 
 
+@pytest.mark.parametrize("keep", [0.0, 1.0])
 @pytest.mark.parametrize("members", [(), (3,)])
 @pytest.mark.parametrize("sizes", SIZES)
 def test_compiled_its_noise_is_the_same(
-    sizes: tuple[int, int, int, int, int], members: tuple[int, ...], compiled: None
+    sizes: tuple[int, int, int, int, int], members: tuple[int, ...], keep: float, compiled: None
 ) -> None:
     """As wide as the hidden state says, and fed back."""
     batch, steps, _, state, hidden = sizes
     exact = [each.detach() for each in arguments(members, sizes, torch.float64)]
     spread = torch.randn(*members, hidden + 1, state, dtype=torch.float64)
-    normal = torch.randn(*members, batch, steps, state, dtype=torch.float64)
+    noise = torch.randn(*members, batch, steps, state, dtype=torch.float64)
     given = [each.float() for each in exact]
-    _, expected = plain(*[*exact, 1.0, spread, normal])
-    _, found = feedback_gru(*[*given, 1.0, spread.float(), normal.float()])
+    _, expected = plain(*[*exact, keep, spread, noise])
+    _, found = feedback_gru(*[*given, keep, spread.float(), noise.float()])
     torch.testing.assert_close(found.double(), expected, rtol=1e-4, atol=1e-4)
-    hiddens, without = (each[..., 0, :] for each in plain(*[*exact, 1.0]))
+    hiddens, without = (each[..., 0, :] for each in plain(*[*exact, keep]))
     width = torch.tanh(hiddens @ spread[..., :-1, :] + spread[..., -1:, :]).exp()
-    torch.testing.assert_close(expected[..., 0, :], without + width * normal[..., 0, :])
+    torch.testing.assert_close(expected[..., 0, :], without + width * noise[..., 0, :])
 
 
 def test_a_trajectory_does_not_depend_on_those_beside_it(compiled: None) -> None:
@@ -144,6 +151,15 @@ def test_neither_derivatives_nor_threads_change_the_numbers(compiled: None) -> N
     assert torch.equal(quick, expected)
     assert torch.equal(apart, expected)
     assert not quick.requires_grad
+
+
+def test_hidden_states_are_there_where_they_are_asked_for(compiled: None) -> None:
+    given: list[Any] = [*arguments((2,), (5, 4, 2, 3, 8), torch.float32), 1.0]
+    expected, _ = feedback_gru(*given)
+    with torch.no_grad():
+        found, _ = feedback_gru(*[*given, None, None, True])
+        assert feedback_gru(*given)[0].numel() == 0
+    assert torch.equal(found, expected)
 
 
 def test_without_a_state_it_is_the_gru_of_torch() -> None:

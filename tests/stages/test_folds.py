@@ -5,6 +5,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from study.config import Config, Ensemble
@@ -30,7 +31,9 @@ def test_an_order_leaves_its_share_out_and_nothing_else() -> None:
     assert all(len(set(order.tolist())) == 6 for order in once)
 
 
-def test_residuals_are_to_the_member_that_left_the_trajectory_out(tmp_path: Path) -> None:
+def test_residuals_are_to_the_member_that_left_the_trajectory_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     data, out = tmp_path / "data", tmp_path / "out"
     data.mkdir()
     out.mkdir()
@@ -38,6 +41,7 @@ def test_residuals_are_to_the_member_that_left_the_trajectory_out(tmp_path: Path
     settings = {"environment": "cart", "collect": sizes | {"reduction": 10, "seed": 0}}
     collect.run(settings, {}, data, Progress())
     options = asdict(Ensemble(members=MEMBERS, data="folds", hidden_size=4, steps=8))
+    monkeypatch.setattr(stage, "CHUNK", 4)  # 14 trajectories: parts that begin at any fold
     given = {"first": 2, "trajectories": 14, "seed": 0, "ensemble": options}
     stage.run(given, {"data": data}, out, Progress())
     training = Trajectories.load(data / "train.safetensors")[2:16]
@@ -53,5 +57,8 @@ def test_residuals_are_to_the_member_that_left_the_trajectory_out(tmp_path: Path
 
 
 def test_without_folds_an_ensemble_is_what_it_was_before_there_were_any() -> None:
-    task = Pipeline(Config()).ensemble(Cell("uav", "low", "residual_vae", 0))
+    cell = Cell("uav", "low", "residual_vae", 0)
+    task = Pipeline(Config()).ensemble(cell)
     assert "data" not in task.settings["ensemble"]
+    folds = Pipeline(Config(ensemble=Ensemble(data="folds"))).ensemble(cell)
+    assert folds.key != task.key
