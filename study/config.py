@@ -243,12 +243,19 @@ class Evaluate:
 class Publish:
     """What goes from ``work/`` to the results folder. No number depends on it.
 
+    Each names cells, by name or by pattern. Scores are published of every cell, and so are the
+    recordings of the data and of the whole study.
+
     Args:
-        forecasts: cells whose forecast recording, the largest, is published: names or patterns.
-            Recordings of scores, training and tuning, scores and weights are for every cell.
+        forecasts: cells with their forecast recording, the largest.
+        recordings: cells with their recordings of training, tuning and scores, and their part in
+            the overview figure.
+        weights: cells with their weights, from which `forecast` and `verify --rerun` go on.
     """
 
     forecasts: tuple[str, ...] = ("*",)
+    recordings: tuple[str, ...] = ("*",)
+    weights: tuple[str, ...] = ("*",)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from rich.table import Table
 from study import checksums
 from study.data.trajectories import ScenarioSet, joined
 from study.envs import Simulator
-from study.errors import BadInput, StudyError
+from study.errors import BadInput, StudyError, nearest
 from study.grid import Cell
 from study.models import Forecaster
 from study.pipeline import Pipeline
@@ -132,8 +132,8 @@ def load_forecaster(study: Stored, cell: Cell, simulator: Simulator) -> Forecast
     if cell.model != "ensemble":
         return _load(study, cell)
     for other in study.complete:
-        if replace(other, model="ensemble") == cell:
-            inner = None if other.is_reference else getattr(_load(study, other), "ensemble", None)
+        if study.ships(other) and replace(other, model="ensemble") == cell:
+            inner = getattr(_load(study, other), "ensemble", None)
             if inner is not None:
                 return inner
     raise StudyError(
@@ -229,6 +229,12 @@ def _collect(study: Stored, environment: str) -> dict[str, object]:
 
 def _load(study: Stored, cell: Cell) -> Forecaster:
     path = study.weights(cell)
+    if not study.ships(cell):
+        shipped = [other.name for other in study.complete if study.ships(other)]
+        raise StudyError(
+            f"{study.out} ships no weights of '{cell.name}' (see publish.weights): "
+            f"{nearest(cell.name, shipped)}"
+        )
     checksums.check(path, study.out)
     return load_model(path)
 

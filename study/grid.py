@@ -1,5 +1,6 @@
 """The cells of the study: environment × epistemic level × model × seed."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import product
@@ -56,6 +57,11 @@ def cells(config: Config) -> list[Cell]:
 def matches(cell: Cell, pattern: str) -> bool:
     """Whether a pattern such as ``pusher/high/*`` means the cell; all below it are meant."""
     return fnmatchcase(cell.name, pattern) or fnmatchcase(cell.name, pattern + "/*")
+
+
+def among(cell: Cell, patterns: Iterable[str]) -> bool:
+    """Whether any of the patterns means the cell."""
+    return any(matches(cell, pattern) for pattern in patterns)
 
 
 def select(every: list[Cell], only: str | None) -> list[Cell]:

@@ -34,10 +34,10 @@ def recording_of(command: Command) -> Path:
     if not path.is_file():
         there = sorted(file.stem for file in (recordings / name).glob("*.rrd"))
         kinds = ", ".join(kind for kind in there if kind in KINDS)
-        hint = f"--kind: {kinds}" if kinds else "python -m study.run all"
+        hint = f"there is --kind: {kinds}" if kinds else "python -m study.run all makes it"
         if kinds and command.kind == "forecast":
             hint += f"; python -m study.run forecast --cell {name} --scenario 0 makes one"
-        raise StudyError(f"there is no recording {path}; there is {hint}")
+        raise StudyError(f"there is no recording {path}; {hint}")
     return path
 
 

@@ -10,19 +10,20 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from study import __version__, checksums, claims, trials
 from study.artifacts import Store, Task
 from study.config import Config
 from study.files import copy, digest, read_json, same_bytes, sha256, write_json, write_text
-from study.grid import Cell, matches
+from study.grid import Cell, among
 from study.provenance import made_with, versions
 from study.recording.files import checksum_path
 from study.stored import FORMAT, STUDY, settings_of
 
 # Raise it whenever the code changes what the summary holds: then it is written again.
-SUMMARY = 3
+SUMMARY = 4
 # What the recording of the whole study shows of the tables and of the claims, by title.
 TEXTS = {"Brier scores": "tables/brier_*.md", "Claims": "claims.md", "Scores": "tables/scores_*.md"}
 Records = Mapping[Cell, Task]
@@ -168,18 +169,20 @@ def _summary_files(out: Path) -> dict[str, str]:
 def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> dict[Path, Path]:
     """The cells' recordings, weights and illustrations: where each goes, where it comes from."""
     files = {}
+    chosen = config.publish
     for cell, task in complete.items():
-        wanted = any(matches(cell, pattern) for pattern in config.publish.forecasts)
+        wanted = among(cell, chosen.recordings)
         for path in store.folder(task).glob("*.rrd*"):
-            if wanted or not path.name.startswith("forecast."):
+            is_forecast = path.name.startswith("forecast.")
+            if among(cell, chosen.forecasts) if is_forecast else wanted:
                 files[out / "recordings" / cell.name / path.name] = path
         for path in store.folder(task.inputs["data_recording"]).glob("*.rrd*"):
             files[out / "recordings" / cell.environment / path.name] = path
-        if "trained" in task.inputs:
+        if "trained" in task.inputs and among(cell, chosen.weights):
             weights = store.folder(task.inputs["trained"]) / "model.safetensors"
             files[out / "weights" / f"{cell.name}.safetensors"] = weights
         illustration = store.folder(task.inputs["evaluation"]) / "illustration.safetensors"
-        if illustration.is_file():
+        if illustration.is_file() and wanted:
             files[out / "illustrations" / f"{cell.name}.safetensors"] = illustration
     return files
 
@@ -212,7 +215,7 @@ def _write_summary(
     ]
     scores = pd.concat(tables, ignore_index=True)
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
-    scores = scores[[*columns, "value"]]
+    scores = as_published(scores[[*columns, "value"]])
     _write_parquet(scores, out / SCORES)
     _write_parquet(_trials(store, complete), out / TRIALS)
     judge(scores, out)
@@ -256,9 +259,26 @@ def _texts(out: Path) -> dict[str, str]:
     return {title: "\n\n".join(parts) for title, parts in texts.items() if parts}
 
 
+def as_published(scores: pd.DataFrame) -> pd.DataFrame:
+    """Scores to single precision, as forecasts are: digits beyond it are noise, half of the file.
+
+    They stay double precision numbers, so that nothing is added up in single precision.
+    """
+    return scores.assign(value=scores.value.astype(np.float32).astype(np.float64))
+
+
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
     temporary = path.with_name(f".{path.name}")
-    table.to_parquet(temporary, index=False, compression="zstd")
+    floats = list(table.select_dtypes("float64"))
+    others = [name for name in table if name not in floats]
+    # Bytes of equal weight side by side: what is zero in every number then takes no room.
+    table.to_parquet(
+        temporary,
+        index=False,
+        compression="zstd",
+        use_dictionary=others,
+        use_byte_stream_split=floats,
+    )
     temporary.replace(path)
 
 

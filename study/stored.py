@@ -7,7 +7,7 @@ from typing import Any
 from study.config import Config, check
 from study.errors import BadInput, StudyError, nearest
 from study.files import read_json
-from study.grid import Cell, cells
+from study.grid import Cell, among, cells
 
 # A results folder of another format is not touched.
 FORMAT = 1
@@ -45,6 +45,10 @@ class Stored:
     def weights(self, cell: Cell) -> Path:
         """Where the fitted model of a cell is, if it has one of its own."""
         return self.out / "weights" / f"{cell.name}.safetensors"
+
+    def ships(self, cell: Cell) -> bool:
+        """Whether the study was told to publish that file."""
+        return not cell.is_reference and among(cell, self.config.publish.weights)
 
 
 def read(out: Path) -> Stored:

@@ -206,7 +206,7 @@ def evaluate_again(study: Stored, cell: Cell, progress: Progress) -> pd.DataFram
             collect.run(dict(observed.settings), {}, data, progress.part(0.0, 0.6))
         inputs = {"data": data, "trained": model, "ensemble": model}
         evaluate.run(dict(task.settings), inputs, out, progress.part(0.6, 1.0))
-        return pd.read_parquet(out / report.SCORES)
+        return report.as_published(pd.read_parquet(out / report.SCORES))
 
 
 def compare_scores(name: str, stored: pd.DataFrame, again: pd.DataFrame) -> Found:

@@ -191,6 +191,35 @@ def test_the_parquet_file_is_plain(smoke: tuple[Path, Done]) -> None:
     assert str(schema.field("value").type) == "double"
 
 
+def test_of_chosen_cells_alone_are_weights_and_recordings_published(copied: Path) -> None:
+    """All scores stay; what is not there is named, with what is; it can be undone."""
+    first, other = "cart/low/full_vae/seed-0", "cart/low/drift/seed-0"
+    before = published(copied)
+    given = ("all", *SMALL, "--out", copied)
+    done = study(*given, f"--publish.weights=[{first}]", f"--publish.recordings=[{first}]")
+    assert done.code == 0
+    now = published(copied)
+    assert {name for name in now if name.startswith("weights")} == {f"weights/{first}.safetensors"}
+    kinds = [Path(name).stem for name in now if name.startswith(f"recordings/{other}")]
+    assert set(kinds) == {"forecast", "forecast.rrd"}
+    assert now["scores.parquet"] == before["scores.parquet"]
+    assert study("verify", copied, "--rerun", first).code == 0
+    for asked in ("verify", copied, "--rerun", other), ("forecast", "--cell", other):
+        ending = () if asked[0] == "verify" else ("--scenario", "0", "--out", copied)
+        said = study(*asked, *ending)
+        assert said.code == 1
+        assert f"ships no weights of '{other}'" in said.out + said.err
+        assert first in said.out + said.err
+    assert study(*given).code == 0
+    assert published(copied).keys() == before.keys()
+
+
+def test_scores_are_published_to_single_precision(smoke: tuple[Path, Done]) -> None:
+    out, _ = smoke
+    values = pd.read_parquet(out / "scores.parquet").value
+    assert values.astype("float32").astype("float64").equals(values)
+
+
 def test_only_chosen_forecast_recordings_are_published(copied: Path) -> None:
     """The others stay in work/; nothing else changes, nothing runs again, and it can be undone."""
     first, other = "cart/low/full_vae/seed-0", "cart/low/drift/seed-0"
