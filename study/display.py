@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections.abc import Callable, Mapping
+from statistics import fmean
 from types import TracebackType
 
 from rich.console import Console
@@ -20,14 +22,15 @@ from study.execute import Outcome
 from study.progress import Progress as Told
 from study.progress import read_progress
 
-# Rough shares of a study's time, for the estimate before a stage of the kind has ended.
+# Seconds of a stage between quick.yaml's and paper.yaml's, until stages of this run have ended.
 EXPECTED = {
-    "collect": 3.0,
-    "ensemble": 4.0,
-    "tune": 4.0,
-    "train": 5.0,
-    "evaluate": 2.0,
-    "record": 0.3,
+    "collect": 44.0,
+    "ensemble": 105.0,
+    "tune": 96.0,
+    "train": 77.0,
+    "evaluate": 22.0,
+    "record": 3.0,
+    "record_data": 0.3,
 }
 # Without a terminal, a long stage is heard of this often.
 HEARTBEAT = 60.0
@@ -125,7 +128,8 @@ class Display:
 
     def _estimate(self, shares: dict[Task, float]) -> tuple[float, float | None]:
         """The share of the whole that is done, and the seconds left."""
-        weights = {task: EXPECTED.get(task.stage, 1.0) for task in self.tasks}
+        expected = expectations(self.ended)
+        weights = {task: self.ended.get(task) or expected(task.stage) for task in self.tasks}
         total = sum(weights.values())
         done = sum(weights[task] for task in self.ended)
         done += sum(weights[task] * share for task, share in shares.items())
@@ -133,6 +137,27 @@ class Display:
         if elapsed < 3 or done <= 0.01 * total:
             return done / total, None
         return done / total, elapsed * (total - done) / done
+
+
+def expectations(ended: Mapping[Task, float]) -> Callable[[str], float]:
+    """Seconds that a stage is expected to take, from those that `ended` took.
+
+    The mean of its kind; of a kind that has not been seen, what is usual times how much slower or
+    faster than usual the others were.
+    """
+    # One that was never begun, since another had failed, took no time.
+    took = {task: seconds for task, seconds in ended.items() if seconds}
+    kinds: dict[str, list[float]] = {}
+    for task, seconds in took.items():
+        kinds.setdefault(task.stage, []).append(seconds)
+    usual = sum(EXPECTED.get(task.stage, 1.0) for task in took)
+    pace = sum(took.values()) / usual if usual else 1.0
+
+    def expected(stage: str) -> float:
+        seen = kinds.get(stage)
+        return fmean(seen) if seen else pace * EXPECTED.get(stage, 1.0)
+
+    return expected
 
 
 def _words(seconds: float) -> str:
