@@ -58,7 +58,7 @@ def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int
     shares = outcome_shares(simulator, pick)
     assert len(shares) >= 3
     for dimension, (share, _) in zip(["all", *list(shares)[1:]], shares.values(), strict=True):
-        assert share == rows.value[dimension]
+        assert np.float32(share) == rows.value[dimension]
 
 
 @pytest.mark.parametrize("environment", ["pusher", "uav"])
