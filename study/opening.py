@@ -10,6 +10,7 @@ from study.grid import Cell, cells
 KINDS = ("forecast", "scores", "training", "tuning")
 # What `view` takes in place of a cell.
 WHOLE = "study"
+MISSING = "python -m study.run all makes it (a cell's only if publish.recordings names the cell)"
 
 
 def recording_of(command: Command) -> Path:
@@ -34,7 +35,7 @@ def recording_of(command: Command) -> Path:
     if not path.is_file():
         there = sorted(file.stem for file in (recordings / name).glob("*.rrd"))
         kinds = ", ".join(kind for kind in there if kind in KINDS)
-        hint = f"there is --kind: {kinds}" if kinds else "python -m study.run all makes it"
+        hint = f"there is --kind: {kinds}" if kinds else MISSING
         if kinds and command.kind == "forecast":
             hint += f"; python -m study.run forecast --cell {name} --scenario 0 makes one"
         raise StudyError(f"there is no recording {path}; {hint}")

@@ -171,10 +171,9 @@ def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> d
     files = {}
     chosen = config.publish
     for cell, task in complete.items():
-        wanted = among(cell, chosen.recordings)
         for path in store.folder(task).glob("*.rrd*"):
             is_forecast = path.name.startswith("forecast.")
-            if among(cell, chosen.forecasts) if is_forecast else wanted:
+            if among(cell, chosen.forecasts if is_forecast else chosen.recordings):
                 files[out / "recordings" / cell.name / path.name] = path
         for path in store.folder(task.inputs["data_recording"]).glob("*.rrd*"):
             files[out / "recordings" / cell.environment / path.name] = path
@@ -182,7 +181,7 @@ def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> d
             weights = store.folder(task.inputs["trained"]) / "model.safetensors"
             files[out / "weights" / f"{cell.name}.safetensors"] = weights
         illustration = store.folder(task.inputs["evaluation"]) / "illustration.safetensors"
-        if illustration.is_file() and wanted:
+        if illustration.is_file() and among(cell, chosen.recordings):
             files[out / "illustrations" / f"{cell.name}.safetensors"] = illustration
     return files
 

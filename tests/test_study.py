@@ -204,9 +204,11 @@ def test_of_chosen_cells_alone_are_weights_and_recordings_published(copied: Path
     assert set(kinds) == {"forecast", "forecast.rrd"}
     assert now["scores.parquet"] == before["scores.parquet"]
     assert study("verify", copied, "--rerun", first).code == 0
-    for asked in ("verify", copied, "--rerun", other), ("forecast", "--cell", other):
-        ending = () if asked[0] == "verify" else ("--scenario", "0", "--out", copied)
-        said = study(*asked, *ending)
+    for asked in (
+        ("verify", copied, "--rerun", other),
+        ("forecast", "--cell", other, "--scenario", "0", "--out", copied),
+    ):
+        said = study(*asked)
         assert said.code == 1
         assert f"ships no weights of '{other}'" in said.out + said.err
         assert first in said.out + said.err
