@@ -17,8 +17,9 @@ import yaml
 from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from study import stored
+from study.allowed import check
 from study.commands import COMMANDS, EPILOG, OWN, STORED, usage
-from study.config import Config, check, keys
+from study.config import Config, keys
 from study.errors import BadInput, nearest
 from study.grid import GROUPS, with_groups
 
@@ -44,6 +45,7 @@ class Command:
     samples: int | None = None
     write: str | None = None
     rerun: str | None = None
+    folders: Sequence[str] = ()
     variants: dict[str, Config] = field(default_factory=dict)
     """The settings of `ablate`, by what was changed: nothing first."""
 
@@ -73,7 +75,8 @@ def parse(arguments: list[str]) -> Command:
         namespace = _arguments(parser, rest)
         own = {_name(name): getattr(namespace, _name(name)) for name in OWN[command]}
         out = Path(own.pop("out"))
-        return Command(command, stored.read(out).config, out, **own)
+        read_from = Path(own["folders"][0]) if command == "join" else out
+        return Command(command, stored.read(read_from).config, out, **own)
     given = _flag(rest, "--config")
     _check_file(Path(given) if given else CONFIGS / "quick.yaml")
     if given is None:

@@ -13,11 +13,12 @@ COMMANDS = {
     "export": "write training data as a Minari data set, to share: export pusher",
     "forecast": "forecast a test scenario, or a plan from a file, with the weights of a study",
     "verify": "check a study's files, draw its tables and figures again, and compare",
+    "join": "one study from several that were run apart, each with seeds of its own: join DIR DIR",
     "ablate": "change one choice at a time, and compare what that does on validation data",
 }
 
 # These read everything in the results folder itself: they take no settings.
-STORED = ("forecast", "verify")
+STORED = ("forecast", "verify", "join")
 DEFAULT_OUT = "results/quick"
 
 # What a command takes that the others do not: an argument, then flags.
@@ -52,6 +53,10 @@ OWN: dict[str, dict[str, dict[str, Any]]] = {
         "out": {"nargs": "?", "default": DEFAULT_OUT, "help": "results folder; results/quick"},
         "--rerun": {"help": "evaluate this cell again from its weights, and compare its scores"},
     },
+    "join": {
+        "folders": {"nargs": "+", "help": "results folders that differ in their seeds alone"},
+        "--out": {"required": True, "help": "results folder to write; it must not be there yet"},
+    },
 }
 
 EPILOG = {
@@ -78,6 +83,14 @@ exit     0 if all is as it was written, 1 if something differs
 examples
   python -m study.run verify results/paper
   python -m study.run verify results/paper --rerun uav/high/residual_vae/seed-0""",
+    "join": """\
+Every file is checked first, and nothing is trained: tables, figures, claims and the recording of
+the study are made anew from the scores of all seeds.
+
+examples
+  python -m study.run all --config configs/paper.yaml --grid.seeds '[0]' --out results/one
+  python -m study.run all --config configs/paper.yaml --grid.seeds '[1, 2]' --out results/two
+  python -m study.run join results/one results/two --out results/both""",
 }
 
 HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
@@ -92,7 +105,7 @@ HELP = """usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.
                      cell's curves, tables and claims together
   --save DIR         view: no window; pictures of every view go to this folder
   --to DIR           portrait: folder of the page; export: folder of Minari data sets
-  (forecast and verify read all settings in the results folder: forecast --help, verify --help)
+  (forecast, verify and join read all settings in the results folders: forecast --help and so on)
 
 examples
   python -m study.run all

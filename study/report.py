@@ -6,8 +6,8 @@ was not run, is missing from the scores and shown as such in the tables.
 
 import json
 import shutil
-from collections.abc import Collection, Mapping
-from dataclasses import asdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,27 @@ TEXTS = {"Brier scores": "tables/brier_*.md", "Claims": "claims.md", "Scores": "
 Records = Mapping[Cell, Task]
 SCORES, TRIALS, CLAIMS = "scores.parquet", "trials.parquet", "claims.json"
 VERDICTS = "claims.md"
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A study without its cells' own files.
+
+    Attributes:
+        config: its settings.
+        complete: the cells that have results, in the order of the grid.
+        failed: names of those that have none since a stage failed.
+        scores: of the complete cells, to single precision, in their order.
+        trials: of their searches for β.
+        versions: of the packages that made them.
+    """
+
+    config: Config
+    complete: Sequence[Cell]
+    failed: Sequence[str]
+    scores: pd.DataFrame
+    trials: pd.DataFrame
+    versions: Mapping[str, str]
 
 
 def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
@@ -58,7 +79,8 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
     failed = _failed(records, store)
     state = _state(config, complete, failed)
     if changed or _why_not_current(out, state):
-        _write_summary(config, store, complete, failed, out)
+        scores, tried = _gather(store, complete)
+        write_summary(Whole(config, list(complete), failed, scores, tried, versions()), out)
         write_json(_published(out), {"state": state, "files": _summary_files(out)})
         changed = True
     return changed
@@ -205,34 +227,37 @@ def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     return bool(others)
 
 
-def _write_summary(
-    config: Config, store: Store, complete: Records, failed: list[str], out: Path
-) -> None:
+def _gather(store: Store, complete: Records) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Scores of all cells, and trials of all their searches."""
     tables = [
         pd.read_parquet(store.folder(task.inputs["evaluation"]) / SCORES).assign(**asdict(cell))
         for cell, task in complete.items()
     ]
     scores = pd.concat(tables, ignore_index=True)
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
-    scores = as_published(scores[[*columns, "value"]])
-    _write_parquet(scores, out / SCORES)
-    _write_parquet(_trials(store, complete), out / TRIALS)
-    judge(scores, out)
+    return as_published(scores[[*columns, "value"]]), _trials(store, complete)
+
+
+def write_summary(whole: Whole, out: Path) -> None:
+    """Everything in `out` that is about the whole study; the cells' own files are there already."""
+    _write_parquet(whole.scores, out / SCORES)
+    _write_parquet(whole.trials, out / TRIALS)
+    judge(whole.scores, out)
     write_json(
         out / STUDY,
         {
             "format": FORMAT,
             "study": __version__,
-            "settings": settings_of(config),
-            "cells": [cell.name for cell in complete],
-            "failed": failed,
-            "versions": versions(),
+            "settings": settings_of(whole.config),
+            "cells": [cell.name for cell in whole.complete],
+            "failed": whole.failed,
+            "versions": whole.versions,
         },
     )
     for folder in ("tables", "figures"):
         shutil.rmtree(out / folder, ignore_errors=True)
     draw(out)
-    _record(config, scores, out)
+    _record(whole.config, whole.scores, out)
 
 
 def _record(config: Config, scores: pd.DataFrame, out: Path) -> None:

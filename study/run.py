@@ -14,7 +14,7 @@ from study.artifacts import Store, Task
 from study.display import Display
 from study.engine import executor, quiet_rerun, workers
 from study.errors import BadInput, StudyError
-from study.files import read_json
+from study.folders import check_writable, make
 from study.grid import cells, select
 from study.lock import locked
 from study.opening import check_cell, known_cells, recording_of
@@ -44,6 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
             "export": export,
             "forecast": forecast,
             "verify": verify,
+            "join": join,
             "ablate": ablate,
         }[command.command](command)
     except StudyError as error:
@@ -66,9 +67,9 @@ def run_all(command: Command) -> int:
 
     config, console, store = command.config, _console(), _store(command)
     chosen = select(cells(config), command.only)
-    _check_out(command.out)
+    check_writable(command.out)
     records = record_tasks(config, store)
-    _make(command.out)
+    make(command.out)
     with locked(command.out):
         remember(config, records, store)
         tasks = line_up(records[cell] for cell in chosen)
@@ -112,7 +113,7 @@ def show_plan(command: Command) -> int:
     from study import report
 
     console, store = _console(), _store(command)
-    _check_out(command.out)
+    check_writable(command.out)
     chosen = select(cells(command.config), command.only)
     records = record_tasks(command.config, store)
     tasks = line_up(records[cell] for cell in chosen)
@@ -268,14 +269,23 @@ def verify(command: Command) -> int:
     return 0 if all_well else 1
 
 
+def join(command: Command) -> int:
+    """Write one study of the seeds of several."""
+    from study.join import join
+
+    join([Path(folder) for folder in command.folders], command.out)
+    print(command.out)
+    return 0
+
+
 def ablate(command: Command) -> int:
     """Fit what the list of changes asks for, and write the table."""
     from study import ablations
 
     console, store = _console(), _store(command)
-    _check_out(command.out)
+    check_writable(command.out)
     planned = ablations.plan(command.variants, command.only)
-    _make(command.out)
+    make(command.out)
     with locked(command.out):
         tasks = line_up(task for of_cells in planned.values() for task in of_cells.values())
         store.forget_progress()
@@ -310,41 +320,6 @@ def _import_plugins(command: Command) -> None:
             importlib.import_module(plugin)
         except ImportError as error:
             raise BadInput(f"plugins: cannot import '{plugin}': {error}") from None
-
-
-def _check_out(out: Path) -> None:
-    """The folder can be written, and is of this version.
-
-    Raises:
-        BadInput: it cannot, or is not.
-    """
-    parent = out
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise _cannot_write(out)
-    if (out / stored.STUDY).exists():
-        try:
-            found = read_json(out / stored.STUDY).get("format")
-        except (OSError, ValueError, AttributeError):
-            return  # damaged: it is written again
-        if found != stored.FORMAT:
-            raise BadInput(
-                f"--out: {out} was made by another version (format {found}, this one writes "
-                f"{stored.FORMAT}); give another --out"
-            )
-
-
-def _make(out: Path) -> None:
-    """Make the results folder."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:  # a file system may refuse what permissions allow
-        raise _cannot_write(out) from error
-
-
-def _cannot_write(out: Path) -> BadInput:
-    return BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from study.config import Config, check
+from study.allowed import check
+from study.config import Config
 from study.errors import BadInput, StudyError, nearest
 from study.files import read_json
 from study.grid import Cell, among, cells
