@@ -68,7 +68,8 @@ class Ensemble:
         hidden_size: width of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
-        learning_rate: of Adam, at its peak (one-cycle schedule).
+        learning_rate: of AdamW, at its peak (one-cycle schedule).
+        weight_decay: its weight decay: each step shrinks the matrices by rate × decay.
         taught: share of the steps that learn single transitions, before whole forecasts count.
         validate_every: steps between two looks at the validation data.
         patience: looks without improvement before training stops.
@@ -77,9 +78,10 @@ class Ensemble:
     members: int = setting(5, low=1)
     data: str = setting("all", choices=("all", "folds"))
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(600, low=1)
-    batch_size: int = setting(32, low=1)
-    learning_rate: float = setting(3e-3, low=1e-8, high=1.0)
+    steps: int = setting(1000, low=1)
+    batch_size: int = setting(12, low=1)
+    learning_rate: float = setting(6e-3, low=1e-8, high=1.0)
+    weight_decay: float = setting(0.1, low=0.0)
     taught: float = setting(0.4, low=0.0, high=1.0)
     validate_every: int = setting(100, low=1)
     patience: int = setting(6, low=1)
@@ -102,8 +104,8 @@ class Tune:
     trials: int = setting(4, low=1)
     beta_low: float = setting(0.3, low=1e-12)
     beta_high: float = setting(100.0, low=1e-12)
-    steps: int = setting(100, low=1)
-    reports: int = setting(3, low=1)
+    steps: int = setting(200, low=1)
+    reports: int = setting(2, low=1)
     validation: int = setting(64, low=2)
     samples: int = setting(16, low=2)
 
@@ -208,16 +210,18 @@ class Train:
     Args:
         steps: optimiser steps at most.
         batch_size: trajectories in a batch.
-        learning_rate: of Adam, at its peak (one-cycle schedule).
+        learning_rate: of AdamW, at its peak (one-cycle schedule).
+        weight_decay: its weight decay: each step shrinks the matrices by rate × decay.
         validate_every: steps between two looks at the validation score.
         patience: looks without improvement before training stops.
         accelerator: Lightning's: `auto` takes a GPU where there is one.
     """
 
-    steps: int = setting(400, low=1)
-    batch_size: int = setting(64, low=1)
-    learning_rate: float = setting(4e-3, low=1e-8, high=1.0)
-    validate_every: int = setting(50, low=1)
+    steps: int = setting(1200, low=1)
+    batch_size: int = setting(12, low=1)
+    learning_rate: float = setting(8e-3, low=1e-8, high=1.0)
+    weight_decay: float = setting(0.1, low=0.0)
+    validate_every: int = setting(150, low=1)
     patience: int = setting(8, low=1)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
 

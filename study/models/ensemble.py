@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from study.data.scaling import Scaling
-from study.models.forecaster import Model, adam
+from study.models.forecaster import Model, adamw
 from study.models.likelihood import negative_log_likelihood
 from study.models.recurrence import feedback_gru, gru
 
@@ -133,6 +133,7 @@ class Ensemble(Model):
         self.log("validation_score", losses.mean(), batch_size=len(forecasts))
 
     def configure_optimizers(self) -> Any:
-        """See `adam`."""
+        """See `adamw`."""
         ensemble = self.settings["ensemble"]
-        return adam(self.parameters(), ensemble["learning_rate"], ensemble["steps"])
+        rate, decay, steps = (ensemble[k] for k in ("learning_rate", "weight_decay", "steps"))
+        return adamw(self.parameters(), rate, decay, steps)

@@ -1,7 +1,7 @@
 """The contract of a model: what the study asks of anything that forecasts."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Protocol
 
 import lightning as L
@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import Parameter
 
 from study.data.axes import turn
 from study.data.scaling import Floats, Scaling
@@ -177,10 +178,10 @@ class Model(L.LightningModule):
         self.log("validation_score", score, batch_size=len(s0))
 
     def configure_optimizers(self) -> Any:
-        """Adam with a one-cycle schedule over the steps allowed."""
+        """See `adamw`."""
         train = self.settings["train"]
         wanted = [p for p in self.parameters() if p.requires_grad]
-        return adam(wanted, train["learning_rate"], train["steps"])
+        return adamw(wanted, train["learning_rate"], train["weight_decay"], train["steps"])
 
 
 def each_sample(values: Tensor, samples: int) -> Tensor:
@@ -188,9 +189,23 @@ def each_sample(values: Tensor, samples: int) -> Tensor:
     return values.repeat_interleave(samples, dim=0)
 
 
-def adam(parameters: Any, learning_rate: float, steps: int) -> Any:
-    """Adam; its rate rises over the first tenth of the steps, then falls to nearly nothing."""
-    optimizer = torch.optim.Adam(parameters, lr=learning_rate)
+def adamw(parameters: Iterable[Parameter], learning_rate: float, decay: float, steps: int) -> Any:
+    """AdamW (Loshchilov and Hutter, ICLR 2019); matrices decay, biases and bounds do not.
+
+    The rate rises over the first tenth of the steps, then falls to nearly nothing. Without the
+    decay networks learn a small data set by heart: with a tenth of the data validation scores rose
+    again in the second half of training.
+    """
+    matrices: list[Parameter] = []
+    others: list[Parameter] = []
+    for each in parameters:
+        # The biases of networks side by side are [M, 1, ...].
+        (matrices if each.dim() > 1 and each.shape[-2] > 1 else others).append(each)
+    groups = [
+        {"params": matrices, "weight_decay": decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
+    optimizer = torch.optim.AdamW(groups, lr=learning_rate, fused=True)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1
     )
