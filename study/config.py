@@ -69,7 +69,8 @@ class Ensemble:
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
-        weight_decay: its weight decay: each step shrinks the matrices by rate × decay.
+        weight_decay: its weight decay, times the number of training trajectories: see
+            `Model.weight_decay`.
         taught: share of the steps that learn single transitions, before whole forecasts count.
         validate_every: steps between two looks at the validation data.
         patience: looks without improvement before training stops.
@@ -81,7 +82,7 @@ class Ensemble:
     steps: int = setting(1000, low=1)
     batch_size: int = setting(12, low=1)
     learning_rate: float = setting(6e-3, low=1e-8, high=1.0)
-    weight_decay: float = setting(0.1, low=0.0)
+    weight_decay: float = setting(100.0, low=0.0)
     taught: float = setting(0.4, low=0.0, high=1.0)
     validate_every: int = setting(100, low=1)
     patience: int = setting(6, low=1)
@@ -211,7 +212,8 @@ class Train:
         steps: optimiser steps at most.
         batch_size: trajectories in a batch.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
-        weight_decay: its weight decay: each step shrinks the matrices by rate × decay.
+        weight_decay: its weight decay, times the number of training trajectories: see
+            `Model.weight_decay`.
         validate_every: steps between two looks at the validation score.
         patience: looks without improvement before training stops.
         accelerator: Lightning's: `auto` takes a GPU where there is one.
@@ -220,7 +222,7 @@ class Train:
     steps: int = setting(1200, low=1)
     batch_size: int = setting(12, low=1)
     learning_rate: float = setting(8e-3, low=1e-8, high=1.0)
-    weight_decay: float = setting(0.1, low=0.0)
+    weight_decay: float = setting(100.0, low=0.0)
     validate_every: int = setting(150, low=1)
     patience: int = setting(8, low=1)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))

@@ -134,6 +134,6 @@ class Ensemble(Model):
 
     def configure_optimizers(self) -> Any:
         """See `adamw`."""
-        ensemble = self.settings["ensemble"]
-        rate, decay, steps = (ensemble[k] for k in ("learning_rate", "weight_decay", "steps"))
-        return adamw(self.parameters(), rate, decay, steps)
+        options = self.settings["ensemble"]
+        decay = self.weight_decay(options)
+        return adamw(self.parameters(), options["learning_rate"], decay, options["steps"])
