@@ -184,7 +184,11 @@ def outcome_shares(simulator: Simulator, pick: Pick) -> dict[str, tuple[float, f
 
 
 def spread_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
-    """The rows of `SPREAD`: standard deviations of the position; their squares add up."""
+    """The rows of `SPREAD`: standard deviations of the position.
+
+    Their squares add up, but where the epistemic variance, which is estimated without bias, is by
+    chance below zero: it is told as 0.
+    """
     parts = position_variance(simulator, pick.forecast, pick.member)
     observed = position_variance(simulator, pick.observed).total
     steps = np.unique(np.linspace(0, len(pick.actions), STEPS + 1).round().astype(int)[1:])

@@ -112,7 +112,10 @@ def test_what_is_printed_and_recorded(shipped: Path, tmp_path: Path) -> None:
     start = next(index for index, line in enumerate(said) if line.startswith("step"))
     for line in said[start + 1 : start + 6]:
         _, _, total, aleatoric, epistemic, _ = map(float, line.split())
-        assert total**2 == pytest.approx(aleatoric**2 + epistemic**2, rel=0.01)
+        if epistemic > 0:
+            assert total**2 == pytest.approx(aleatoric**2 + epistemic**2, rel=0.01)
+        else:  # estimated without bias, so by chance below zero
+            assert total <= aleatoric
     check(path)
     assert properties(path)["samples"] == 20
     found = entities(path)
