@@ -151,7 +151,8 @@ def _legend(drawing: Figure, scores: pd.DataFrame, palette: dict[str, str]) -> N
         for level in levels(scores)
     ]
     handles.append(Line2D([], [], color="black", linewidth=0.6, label="calibrated"))
-    drawing.legend(handles=handles, loc="outside lower center", ncols=3, handlelength=2.2)
+    ncols = style.columns(handles)
+    drawing.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,8 @@ def _draw_environment(
     palette = style.colours(models(curves))
     counts = {}
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=2.7)
+        # With many models the legend is high, and the curves are not to be low for it.
+        drawing = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
         axes = drawing.subplots()
         for model in models(curves):
             for level in levels(curves):
@@ -143,7 +144,8 @@ def _legend(
     ]
     drawing = axes.get_figure(root=True)
     assert drawing is not None
-    drawing.legend(handles=handles, loc="outside lower center", ncols=3, handlelength=2.2)
+    ncols = style.columns(handles)
+    drawing.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
 
 
 def _signed_root(value: Doubles) -> Doubles:

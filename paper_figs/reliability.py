@@ -176,7 +176,7 @@ def _legend(drawing: Figure, shown: list[str], palette: dict[str, str], counts: 
     drawing.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=3,
+        ncols=style.columns(handles),
         handlelength=1.6,
         columnspacing=1.2,
         title=counts,

@@ -1,10 +1,11 @@
 """How every figure looks: the same colour for the same model, the same line for the same level."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -19,6 +20,9 @@ COLOURS = {
     for model, (red, green, blue, _) in MODELS.items()
 }
 """Okabe and Ito's palette, which people with any colour vision tell apart; then Paul Tol's."""
+
+LONGEST = 18
+"""Characters of a name of which three stand side by side in a figure's legend."""
 
 CYCLE = ("#44AA99", "#F0E442", "#000000")
 """For models of your own."""
@@ -63,6 +67,11 @@ def line(model: str, level: str) -> dict[str, Any]:
         # Narrower, with white gaps: where it lies on the solid line, both can be seen.
         return {"linestyle": DASHES, "linewidth": 0.6 * width, "gapcolor": "white"}
     return {"linestyle": ":", "linewidth": width}
+
+
+def columns(handles: Sequence[Artist]) -> int:
+    """Columns of a legend as wide as a figure: three, or two where a name is long."""
+    return 3 if max(len(str(handle.get_label())) for handle in handles) <= LONGEST else 2
 
 
 def figure(height: float) -> Figure:

@@ -4,7 +4,8 @@
 
 Tables, claims and figures are made again from the scores in a folder beside and compared byte for
 byte. A figure whose bytes differ is still the same if its picture is: the pixels of a PNG, the
-unpacked streams of a PDF (another zlib packs the same content into other bytes).
+unpacked streams of a PDF (another zlib packs the same content into other bytes). So are claims with
+the same numbers to nine digits (another processor adds up in another order).
 
 A cell that is evaluated again on the same machine, with the same versions, has the same scores, bit
 for bit. Another processor or another version adds up in another order, and the last digits differ:
@@ -31,7 +32,7 @@ from study.artifacts import Store
 from study.config import Engine
 from study.errors import StudyError
 from study.execute import prepare
-from study.files import same_bytes
+from study.files import read_json, same_bytes
 from study.grid import Cell
 from study.pipeline import Pipeline
 from study.progress import Progress
@@ -130,7 +131,7 @@ def check_drawn(study: Stored, damaged: list[str], progress: Progress) -> Iterat
 
 
 def compare_files(name: str, out: Path, again: Path, pattern: str) -> Found:
-    """The files of `out` with those made `again`, byte for byte; figures by what they show too."""
+    """The files of `out` with those made `again`, byte for byte, or by what they show or say."""
     ours, theirs = (
         {path.relative_to(folder).as_posix() for path in folder.glob(pattern)}
         for folder in (out, again)
@@ -147,11 +148,11 @@ def compare_files(name: str, out: Path, again: Path, pattern: str) -> Found:
                 return Found(name, False, f"{out / path} {why}; {AGAIN}")
             repacked += 1
     text = f"{len(ours)} files drawn again from the scores: the same bytes"
-    return Found(name, True, text if not repacked else f"{text}, or of {repacked} the same picture")
+    return Found(name, True, text if not repacked else f"{text}, or of {repacked} the same content")
 
 
 def why_other(stored: Path, again: Path) -> str | None:
-    """In what two figures differ that are not the same bytes; None if they show the same."""
+    """In what two files differ that are not the same bytes; None if they show or say the same."""
     if stored.suffix == ".png":
         from matplotlib.image import imread
 
@@ -165,7 +166,24 @@ def why_other(stored: Path, again: Path) -> str | None:
         return f"differs in {moved.mean():.2%} of its pixels" if moved.any() else None
     if stored.suffix == ".pdf" and _streams(stored) == _streams(again):
         return None
+    if stored.suffix == ".json":
+        try:
+            if _alike(read_json(stored), read_json(again)):
+                return None
+        except ValueError:
+            return "is no JSON any more"
     return "is not what the scores give"
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two JSON values are the same, their numbers to nine digits."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return bool(np.isclose(one, other, rtol=1e-9, atol=1e-12, equal_nan=True))
+    return bool(one == other)
 
 
 def check_scores(study: Stored, cell: Cell, progress: Progress) -> Found:

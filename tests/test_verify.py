@@ -12,6 +12,7 @@ from matplotlib import pyplot
 from matplotlib.image import imread, imsave
 
 from study import checksums
+from study.files import same_bytes, write_json
 from study.verify import compare_files, compare_scores, why_other
 from tests.running import SMALL, study
 
@@ -200,13 +201,36 @@ def test_a_figure_in_other_bytes_is_the_same_picture(light: Path, tmp_path: Path
     assert picture.read_bytes() != (light / "figures" / "mmd_cart.png").read_bytes()
     found = compare_files("figures", tmp_path / "one", tmp_path / "other", "figures/*")
     assert found.ok
-    assert found.text.endswith("or of 1 the same picture")
+    assert found.text.endswith("or of 1 the same content")
     pixels = np.array(imread(picture))
     pixels[0, 0, 0] = 1 - pixels[0, 0, 0]
     imsave(picture, pixels)
     found = compare_files("figures", tmp_path / "one", tmp_path / "other", "figures/*")
     assert not found.ok
     assert "of its pixels" in found.text
+
+
+def test_claims_in_other_bytes_say_the_same(tmp_path: Path) -> None:
+    ours, theirs = (tmp_path / name / "claims.json" for name in ("ours", "theirs"))
+
+    def compared(claims: object) -> bool:
+        write_json(theirs, claims)
+        assert not same_bytes(ours, theirs)
+        return compare_files("claims", ours.parent, theirs.parent, "claims.*").ok
+
+    claim: dict[str, object] = {
+        "words": "the first is lower",
+        "findings": [{"effect": 0.3, "seeds": 2}],
+    }
+    write_json(ours, [claim])
+    assert compared([claim | {"findings": [{"effect": 0.3 * (1 + 1e-13), "seeds": 2}]}])
+    assert not compared([claim | {"findings": [{"effect": 0.3 * (1 + 1e-6), "seeds": 2}]}])
+    assert not compared([claim | {"findings": [{"effect": 0.3, "seeds": 3}]}])
+    assert not compared([claim | {"words": "the second is lower"}])
+    assert not compared([claim, claim])
+    assert not compared([{"words": claim["words"]}])
+    ours.write_text("[")
+    assert why_other(ours, theirs) == "is no JSON any more"
 
 
 def test_a_pdf_in_other_bytes_is_the_same_picture(tmp_path: Path) -> None:
