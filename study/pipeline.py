@@ -139,11 +139,14 @@ class Pipeline:
     def _model(self, cell: Cell, purpose: str) -> dict[str, Any]:
         model = models[cell.model]
         config = asdict(self.config)
+        sections = {name: config[name] for name in model.sections}
+        if "train" in sections:
+            sections["train"] = model.budget(sections)
         return self._training_set(cell) | {
             "model": cell.model,
             "model_version": model.version,
             "seed": derive(cell.name, purpose),
-            "sections": {name: config[name] for name in model.sections},
+            "sections": sections,
         }
 
     def _sources(self, cell: Cell) -> dict[str, Task]:

@@ -13,17 +13,35 @@ class OnBaseline(Model):
     """A model whose decoder adds to a baseline; `OnMembers` and `OnNothing` say which."""
 
     @abstractmethod
+    def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
+        """b_{0:T} of every member, [S, M, T+1, D].
+
+        Args:
+            s0: [S, D].
+            actions: [S, T, A].
+            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
+        """
+
+    @abstractmethod
+    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """The decoder's condition [B, T, C], from b_{0:T} [B, T+1, D] and the actions."""
+
     def conditions(
         self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
     ) -> tuple[Tensor, Tensor]:
         """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
 
         Args:
-            s0: [S, D].
-            actions: [S, T, A].
+            s0, actions, members: see `baselines`.
             member: m [S, K].
-            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
         """
+        return self.drawn(self.baselines(s0, actions, members), actions, member)
+
+    def drawn(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
+        """`conditions` of the members drawn, from all baselines [S, M, T+1, D]."""
+        scenarios = torch.arange(len(member), device=member.device)[:, None]
+        baseline = baselines[scenarios, member].flatten(0, 1)
+        return baseline, self.beside(baseline, each_sample(actions, member.shape[1]))
 
 
 class OnMembers(OnBaseline):
@@ -36,50 +54,26 @@ class OnMembers(OnBaseline):
         """M."""
         return self.ensemble.members_count()
 
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """See `OnBaseline.conditions`: b = ŷ_m."""
-        return of_members(self.ensemble, s0, actions, member, members)
+    def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
+        """See `OnBaseline.baselines`: b = ŷ_m."""
+        if members is None:
+            with torch.no_grad():
+                members = self.ensemble(s0, actions)
+        start = s0[:, None, None].expand(-1, members.shape[1], -1, -1)
+        return torch.cat([start, members], dim=2)
+
+    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """See `OnBaseline.beside`: the actions and ŝ^m_{t+1} (Figure 2, right)."""
+        return torch.cat([actions, baseline[:, 1:]], dim=-1)
 
 
 class OnNothing(OnBaseline):
     """b = 0: the decoder gives the state itself."""
 
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """See `OnBaseline.conditions`: b = 0."""
-        return of_nothing(s0, actions, member.shape[1])
+    def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
+        """See `OnBaseline.baselines`: b = 0."""
+        return s0.new_zeros(len(s0), 1, actions.shape[1] + 1, s0.shape[-1])
 
-
-def of_members(
-    ensemble: Ensemble, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-) -> tuple[Tensor, Tensor]:
-    """b = ŷ_m; the decoder sees the actions and ŝ^m_{t+1} (Figure 2, right).
-
-    Args:
-        ensemble: gives the members' forecasts where they are not at hand.
-        s0: [S, D].
-        actions: [S, T, A].
-        member: m [S, K].
-        members: ŷ of all members [S, M, T, D], or None.
-
-    Returns:
-        baseline [S·K, T+1, D] and condition [S·K, T, A + D].
-    """
-    if members is None:
-        with torch.no_grad():
-            members = ensemble(s0, actions)
-    scenarios = torch.arange(len(s0), device=s0.device)[:, None]
-    forecast = members[scenarios, member].flatten(0, 1)
-    samples = member.shape[1]
-    baseline = torch.cat([each_sample(s0, samples)[:, None], forecast], dim=1)
-    return baseline, torch.cat([each_sample(actions, samples), forecast], dim=-1)
-
-
-def of_nothing(s0: Tensor, actions: Tensor, samples: int) -> tuple[Tensor, Tensor]:
-    """b = 0 [S·K, T+1, D]; the decoder sees the actions [S·K, T, A]. Arguments as above."""
-    condition = each_sample(actions, samples)
-    rows, horizon, _ = condition.shape
-    return condition.new_zeros(rows, horizon + 1, s0.shape[-1]), condition
+    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """See `OnBaseline.beside`: the actions."""
+        return actions

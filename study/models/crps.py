@@ -11,6 +11,7 @@ and y observed,
 estimated without bias for any m ≥ 2 (the fair form: pairs of one and the same forecast left out).
 """
 
+import math
 from typing import Any
 
 import torch
@@ -19,11 +20,21 @@ from torch import Tensor
 from study.data.scaling import Scaling
 from study.models.baseline import OnBaseline
 from study.models.decoder import RecurrentDecoder
-from study.models.forecaster import each_sample
+from study.models.forecaster import adamw, each_sample
+from study.models.transition import TransitionDecoder
 
 # Steps between two states whose difference is scored as an increment.
 LAG = 5
 _LEAST = 1e-6
+
+# Until which share of the training how many steps are forecast freely; then the whole horizon.
+PIECES = ((0.6, 1), (0.64, 8), (0.68, 32))
+# So many pieces of a batch serve for one step: of single transitions there are more than it needs.
+PIECES_AT_ONCE = 512
+# The learning rate's peak for more than single transitions, as a share of the first.
+FREE_RATE = 0.2
+# At the validation data, in a whole fit.
+LOOKS = 10
 
 
 def fair_score(forecasts: Tensor, observed: Tensor) -> Tensor:
@@ -50,15 +61,20 @@ def _norm(vectors: Tensor) -> Tensor:
 
 
 class CrpsGenerator(OnBaseline):
-    """A recurrent decoder on a baseline, driven by noise; a subclass says which baseline.
+    """A decoder on a baseline, driven by noise; a subclass says which baseline.
 
     The first components of the noise stay for the whole trajectory, for what is hidden and lasts
     (a payload); the others are drawn at every step.
 
+    Training begins with single transitions, from which a contact of a few hundredths of a second
+    can be learned, and goes on to ever longer pieces of trajectories that are forecast freely
+    (`PIECES`). Each generator has a budget of its own in the section `crps`, since it has no β to
+    search for.
+
     Args:
         scaling: standard units.
         settings: the sections `crps` and `train` of the configuration.
-        output: what the decoder gives, the target (`direct`) or its change (`increment`).
+        output: what a recurrent decoder gives, the target (`direct`) or its change (`increment`).
         extra_conditions: size of what the decoder sees beside the actions.
     """
 
@@ -70,32 +86,80 @@ class CrpsGenerator(OnBaseline):
         super().__init__(scaling, settings)
         crps = settings["crps"]
         self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["lasting"])
-        increments = output == "increment"
-        self.decode = RecurrentDecoder(
-            self.change_scale if increments else torch.ones_like(self.change_scale),
-            self.action_size + extra_conditions,
-            crps["hidden_size"],
-            crps["noise_size"],
-            increments=increments,
-        )
+        sizes = (self.action_size + extra_conditions, crps["hidden_size"], crps["noise_size"])
+        self.decode: RecurrentDecoder | TransitionDecoder
+        if crps["decoder"] == "transition":
+            self.decode = TransitionDecoder(self.change_scale, *sizes, self.lasting)
+        else:
+            increments = output == "increment"
+            unit = self.change_scale if increments else torch.ones_like(self.change_scale)
+            self.decode = RecurrentDecoder(unit, *sizes, increments=increments)
+
+    @classmethod
+    def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        """See `Model.budget`: that of the section `crps`, looked at ten times."""
+        own = {name: settings["crps"][name] for name in ("steps", "batch_size", "learning_rate")}
+        looks = {"validate_every": -(-own["steps"] // LOOKS), "patience": LOOKS}
+        return settings["train"] | own | looks
+
+    def configure_optimizers(self) -> Any:
+        """AdamW: one cycle of the learning rate for single transitions, a lower one for the rest.
+
+        Free forecasts answer to a change of the weights far more than single transitions do.
+        """
+        train = self.settings["train"]
+        wanted = [p for p in self.parameters() if p.requires_grad]
+        decay = self.weight_decay(train)
+        return adamw(wanted, train["learning_rate"], decay, train["steps"], self.rate)
+
+    def rate(self, step: int) -> float:
+        """The learning rate at a step, as a share of its peak."""
+        steps, single = self.settings["crps"]["steps"], PIECES[0][0]
+        share = step / steps
+        if share < single:
+            peak, share = 1.0, share / single
+        else:
+            peak, share = FREE_RATE, (share - single) / (1 - single)
+        return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)
+
+    def on_fit_start(self) -> None:
+        """The range of the training states, which forecasts keep to."""
+        if isinstance(self.decode, TransitionDecoder):
+            self.decode.bound(self.trainer.datamodule.training.tensors["states"])  # type: ignore[attr-defined]
+
+    def piece(self, step: int, horizon: int) -> int:
+        """Steps that are forecast freely at this step of training."""
+        share = step / self.settings["crps"]["steps"]
+        return next((min(length, horizon) for until, length in PIECES if share < until), horizon)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """m free forecasts of each trajectory, each from a member of its own, and their score."""
+        """m free forecasts of each piece, each from a member of its own, and their score."""
         states, actions, crps = batch["states"], batch["actions"], self.settings["crps"]
+        baselines = self.baselines(states[:, 0], actions, batch.get("members"))
+        length = self.piece(step, actions.shape[1])
+        states, actions, baselines = cut(states, actions, baselines, length)
+        if len(states) > PIECES_AT_ONCE:
+            chosen = torch.randperm(len(states), device=states.device)[:PIECES_AT_ONCE]
+            states, actions, baselines = states[chosen], actions[chosen], baselines[chosen]
         s0, truth, samples = states[:, 0], states[:, 1:], crps["samples"]
-        members = self.members_count()
-        member = torch.randint(members, (len(s0), samples), device=s0.device)
-        noise = torch.randn(*member.shape, truth.shape[1], self.noise_size, device=s0.device)
-        forecasts = self._generate(s0, actions, noise, member, batch.get("members"))
+        member = torch.randint(self.members_count(), (len(s0), samples), device=s0.device)
+        noise = torch.randn(*member.shape, length, self.noise_size, device=s0.device)
+        if length == 1:
+            # In a single step all noise is alike. Taught there, the lasting noise would push the
+            # same way in every step of a forecast.
+            noise[..., : self.lasting] = 0
+        forecasts = self._generate(s0, actions, noise, member, baselines)
         forecasts = forecasts.movedim(1, 2)  # [B, T, m, D]
         each = fair_score(forecasts.movedim(-1, -2)[..., None], truth[..., None]).mean((0, 1))
         # Of a logarithm the derivative is relative: a number counts by its own uncertainty.
         loss = each.clamp(min=_LEAST).log().mean()
         unit = each.detach().clamp(min=_LEAST)
+        if length == 1:
+            loss = loss + mean_error(forecasts, truth)
         forecasts, truth = forecasts / unit, truth / unit
         joint = fair_score(forecasts, truth).mean()
         loss = loss + crps["energy"] * joint.clamp(min=_LEAST).log()
-        if crps["increments"]:
+        if crps["increments"] and length > LAG:
             change, true_change = (x[:, LAG:] - x[:, :-LAG] for x in (forecasts, truth))
             moved = fair_score(change, true_change).mean()
             loss = loss + crps["increments"] * moved.clamp(min=_LEAST).log()
@@ -103,15 +167,59 @@ class CrpsGenerator(OnBaseline):
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`."""
-        return self._generate(s0, actions, noise, member, None)
+        return self._generate(s0, actions, noise, member, self.baselines(s0, actions, None))
 
     def _generate(
-        self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, members: Tensor | None
+        self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, baselines: Tensor
     ) -> Tensor:
-        """Forecasts [S, K, T, D]; noise [S, K, T, `noise_size`]."""
+        """Forecasts [S, K, T, D]; noise [S, K, T, `noise_size`], baselines [S, M, T+1, D]."""
         samples = member.shape[1]
-        baseline, condition = self.conditions(s0, actions, member, members)
+        baseline, condition = self.drawn(baselines, actions, member)
         lasting = noise[:, :, :1, : self.lasting].expand(-1, -1, noise.shape[2], -1)
         latent = torch.cat([lasting, noise[..., self.lasting :]], dim=-1).flatten(0, 1)
         forecasts = self.decode(each_sample(s0, samples), baseline, condition, latent)
         return forecasts.unflatten(0, (-1, samples))
+
+
+def cut(
+    states: Tensor, actions: Tensor, baselines: Tensor, length: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Trajectories cut into P pieces of `length` steps, from a random step on.
+
+    Args:
+        states: [B, T+1, D].
+        actions: [B, T, A].
+        baselines: [B, M, T+1, D].
+        length: h, at most T.
+
+    Returns:
+        [B·P, h+1, D], [B·P, h, A] and [B·P, M, h+1, D].
+    """
+    rest = actions.shape[1] % length
+    first = int(torch.randint(rest + 1, ()))
+    last = actions.shape[1] - rest + first
+    pieces = states[:, first : last + 1].unfold(1, length + 1, length)
+    moves = actions[:, first:last].unfold(1, length, length)
+    under = baselines[:, :, first : last + 1].unfold(2, length + 1, length).movedim(2, 1)
+    cuts = (each.flatten(0, 1).movedim(-1, -2) for each in (pieces, moves, under))
+    states, actions, baselines = cuts
+    return states, actions, baselines
+
+
+def mean_error(forecasts: Tensor, observed: Tensor) -> Tensor:
+    """Squared error of the forecast's mean, relative to that of a single forecast.
+
+        E (E x − y)² / E (x − y)²,   (E x − y)² by (x_1 − y)(x_2 − y), without bias
+
+    averaged over the dimensions. A score of absolute distances sees no point in an event that
+    comes seldom, of which it cannot yet say when: "never" is a fair median. The mean does, and so
+    leads to where the event can be told. It is least for the true distribution as well, so the sum
+    of the two is still a proper score.
+
+    Args:
+        forecasts: x [B, T, m, D]; the first two of m count.
+        observed: y [B, T, D].
+    """
+    first, second = (forecasts[:, :, k] - observed for k in (0, 1))
+    squared = 0.5 * (first.square() + second.square()).mean((0, 1)).detach()
+    return ((first * second).mean((0, 1)) / squared.clamp(min=_LEAST**2)).mean()

@@ -89,6 +89,16 @@ class Model(L.LightningModule):
         """The settings of what a trial of the search for β fits: the model itself."""
         return settings
 
+    @classmethod
+    def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        """The section `train` as it holds for this model: how long and how fast it is fitted.
+
+        Args:
+            settings: the sections of the configuration that the class names.
+        """
+        budget: dict[str, Any] = settings["train"]
+        return budget
+
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """The ``loss`` of a batch, and parts of it that are worth a curve.
 
@@ -197,11 +207,17 @@ def each_sample(values: Tensor, samples: int) -> Tensor:
     return values.repeat_interleave(samples, dim=0)
 
 
-def adamw(parameters: Iterable[Parameter], learning_rate: float, decay: float, steps: int) -> Any:
+def adamw(
+    parameters: Iterable[Parameter],
+    learning_rate: float,
+    decay: float,
+    steps: int,
+    share: Callable[[int], float] | None = None,
+) -> Any:
     """AdamW (Loshchilov and Hutter, ICLR 2019); matrices decay, biases and bounds do not.
 
-    The rate rises over the first tenth of the steps, then falls to nearly nothing; each step
-    shrinks the matrices by rate × decay.
+    The rate rises over the first tenth of the steps, then falls to nearly nothing, or is the
+    `share` of `learning_rate` at each step; each step shrinks the matrices by rate × decay.
     """
     matrices: list[Parameter] = []
     others: list[Parameter] = []
@@ -213,9 +229,13 @@ def adamw(parameters: Iterable[Parameter], learning_rate: float, decay: float, s
         {"params": others, "weight_decay": 0.0},
     ]
     optimizer = torch.optim.AdamW(groups, lr=learning_rate, fused=True)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1
-    )
+    schedule: torch.optim.lr_scheduler.LRScheduler
+    if share is None:
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1
+        )
+    else:
+        schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, share)
     return {
         "optimizer": optimizer,
         "lr_scheduler": {"scheduler": schedule, "interval": "step"},

@@ -16,5 +16,7 @@ class FullCrps(OnNothing, CrpsGenerator):
         scaling, settings: see `CrpsGenerator`.
     """
 
+    version = 2
+
     def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
         super().__init__(scaling, settings, settings["crps"]["full_output"])

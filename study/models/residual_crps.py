@@ -18,7 +18,7 @@ class ResidualCrps(OnMembers, CrpsGenerator):
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
-    version = 2
+    version = 3
 
     def __init__(self, scaling: Scaling, settings: dict[str, Any], ensemble: Ensemble) -> None:
         output = settings["crps"]["residual_output"]

@@ -6,7 +6,8 @@ import scoringrules
 import torch
 from scipy.stats import norm
 
-from study.models.crps import CrpsGenerator, fair_score
+from study.models.crps import CrpsGenerator, cut, fair_score, mean_error
+from study.models.transition import TransitionDecoder
 from tests.models.common import ACTION, HORIZON, STATE, model
 
 NAMES = ["residual_crps", "full_crps"]
@@ -53,6 +54,8 @@ def test_the_lasting_noise_lasts(name: str) -> None:
     """Its first value serves for every step; the other components are drawn at each."""
     network = generator(name)
     torch.manual_seed(0)
+    assert isinstance(network.decode, TransitionDecoder)
+    torch.nn.init.normal_(network.decode.first.weight)  # it begins without the lasting noise
     given = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
     noise, member = torch.randn(2, 3, HORIZON, NOISE), torch.zeros(2, 3, dtype=torch.int64)
     forecasts = network.sample(*given, noise, member)
@@ -93,6 +96,77 @@ def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
         assert torch.equal(network.state_dict()[key], value)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_single_transitions_teach_nothing_of_the_lasting_noise(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the first part of training; in the last, which forecasts freely, it counts."""
+    network = generator(name)
+    monkeypatch.setattr(network, "tell", lambda *_: None)
+    decode = network.decode
+    assert isinstance(decode, TransitionDecoder)
+    batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
+    steps = network.settings["crps"]["steps"]
+    drivers = slice(-NOISE, -NOISE + LASTING)
+    for step, learns in ((0, False), (steps - 1, True)):
+        network.zero_grad()
+        network.losses(batch, step)["loss"].backward()
+        assert decode.first.weight.grad is not None
+        assert bool(decode.first.weight.grad[:, drivers].any()) is learns
+        assert bool(decode.first.weight.grad[:, -NOISE + LASTING :].any())
+
+
+def test_pieces_are_of_one_trajectory_each_in_order() -> None:
+    """Numbers that name trajectory and step stay together, whatever step the first piece has."""
+    count, horizon, members, length = 3, 11, 2, 4
+    named = 100.0 * torch.arange(count)[:, None] + torch.arange(horizon + 1)
+    states, baselines = named[..., None], named[:, None, :, None].expand(-1, members, -1, -1)
+    seen = set()
+    for seed in range(20):
+        torch.manual_seed(seed)
+        pieces, actions, under = cut(states, named[:, :-1, None], baselines, length)
+        assert pieces.shape == (count * 2, length + 1, 1)
+        assert torch.equal(pieces[:, :-1], actions)
+        assert torch.equal(pieces[:, None].expand(-1, members, -1, -1), under)
+        steps = pieces[..., 0] - pieces[:, :1, 0]
+        assert torch.equal(steps, torch.arange(length + 1.0).expand_as(steps))
+        starts = pieces[:, 0, 0].reshape(count, 2)
+        assert torch.equal(starts[:, 1], starts[:, 0] + length)
+        seen |= set((starts[0] % 100).tolist())
+    assert seen == {float(first) for first in range(8)}
+
+
+def test_pieces_grow_to_the_whole_horizon() -> None:
+    network = generator("full_crps")
+    network.settings["crps"]["steps"] = 100
+    lengths = [network.piece(step, 120) for step in range(100)]
+    assert lengths[0] == 1
+    assert lengths[-1] == 120
+    assert lengths == sorted(lengths)
+    assert max(network.piece(step, 20) for step in range(100)) == 20
+
+
+def test_the_rate_falls_before_free_forecasts_and_at_the_end() -> None:
+    network = generator("full_crps")
+    network.settings["crps"]["steps"] = 1000
+    rates = np.array([network.rate(step) for step in range(1000)])
+    single = sum(network.piece(step, HORIZON) == 1 for step in range(1000))
+    assert rates.max() == pytest.approx(1.0, abs=0.02)
+    assert rates[single - 1] < 0.01
+    assert rates[single:].max() == pytest.approx(0.2, abs=0.005)
+    assert 0 < rates[-1] < 0.01
+
+
+def test_the_error_of_the_mean_has_no_bias() -> None:
+    """Against the closed form for normal forecasts and observations."""
+    generator = torch.Generator().manual_seed(0)
+    observed = 1.0 + 0.5 * torch.randn(400_000, 1, 1, generator=generator).double()
+    forecasts = 1.6 + 0.8 * torch.randn(400_000, 1, 2, 1, generator=generator).double()
+    of_mean = 0.6**2 + 0.5**2
+    expected = of_mean / (of_mean + 0.8**2)
+    assert float(mean_error(forecasts, observed)) == pytest.approx(expected, abs=0.005)
+
+
 @pytest.mark.parametrize("increments", [0.0, 0.5])
 def test_the_loss_is_relative(increments: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every number counts by its own uncertainty: units change the loss by a constant."""
@@ -107,7 +181,8 @@ def test_the_loss_is_relative(increments: float, monkeypatch: pytest.MonkeyPatch
 
     def loss(by: torch.Tensor) -> float:
         monkeypatch.setattr(network, "_generate", lambda *_: forecasts * by)
-        return float(network.training_step({"states": states * by, "actions": actions}))
+        batch = {"states": states * by, "actions": actions}
+        return float(network.losses(batch, network.settings["crps"]["steps"])["loss"])
 
     constant = float(units.log().mean())
     assert loss(units) == pytest.approx(loss(torch.ones(STATE)) + constant, abs=1e-4)
