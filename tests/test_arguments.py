@@ -141,7 +141,7 @@ def test_groups_of_models(given: list[str], models: tuple[str, ...]) -> None:
 
 def test_the_shipped_configs_are_valid() -> None:
     names = {parse(["all", "--config", str(path)]).config.name for path in CONFIGS.glob("*.yaml")}
-    assert names == {"smoke", "quick", "paper", "ablations", "ablations_high"}
+    assert names == {"smoke", "quick", "paper", "ablations", "ablations_high", "ablations_crps"}
 
 
 def test_the_default_config_is_quick() -> None:

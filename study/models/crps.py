@@ -30,7 +30,7 @@ _LEAST = 1e-6
 # Until which share of the training how many steps are forecast freely; then the whole horizon.
 PIECES = ((0.6, 1), (0.64, 8), (0.68, 32))
 # So many pieces of a batch serve for one step: of single transitions there are more than it needs.
-PIECES_AT_ONCE = 512
+PIECES_AT_ONCE = 1024
 # The learning rate's peak for more than single transitions, as a share of the first.
 FREE_RATE = 0.2
 # At the validation data, in a whole fit.
