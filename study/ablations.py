@@ -28,7 +28,7 @@ EXPLANATION = """\
 # What was tried
 
 One choice was changed at a time and everything else left as it is, β searched for anew each time
-(the number in brackets), with the same budget for every model. All scores are on validation
+(the number in brackets), with the same budget each time. All scores are on validation
 scenarios; the test set was not looked at. A line (–) stands where a change does not concern a
 model.
 

@@ -61,6 +61,11 @@ def _check_together(config: Config) -> None:
             f"collect.trajectories: got {collect.trajectories}; level high needs at least 2, so "
             f"at least {2 * collect.reduction} with collect.reduction {collect.reduction}"
         )
+    crps = config.crps
+    if crps.lasting >= crps.noise_size:
+        raise BadInput(
+            f"crps.lasting: got {crps.lasting}; less than crps.noise_size, {crps.noise_size}"
+        )
     if config.ensemble.data == "folds" and config.ensemble.members < 2:
         raise BadInput("ensemble.members: got 1; ensemble.data folds needs at least 2")
     if not config.name or "/" in config.name or config.name.startswith("."):

@@ -218,6 +218,8 @@ class ProbabilisticEnsemble:
 class Train:
     """How the models of the cells are fitted (stage train).
 
+    The CRPS generators have steps, batch and learning rate of their own, and never stop early.
+
     Args:
         steps: optimiser steps at most.
         batch_size: trajectories in a batch.

@@ -13,6 +13,7 @@ from typing import Any
 from study.artifacts import Task
 from study.config import Config
 from study.envs import simulators
+from study.errors import BadInput
 from study.grid import Cell
 from study.models import models
 from study.seeds import derive
@@ -34,7 +35,7 @@ class Pipeline:
     """The tasks of a study.
 
     Raises:
-        BadInput: an environment or a model is unknown.
+        BadInput: an environment or a model is unknown, or a model names no section `train`.
     """
 
     def __init__(self, config: Config) -> None:
@@ -42,7 +43,8 @@ class Pipeline:
         for environment in config.grid.environments:
             simulators[environment]
         for model in config.grid.models:
-            models[model]
+            if "train" not in models[model].sections:
+                raise BadInput(f"model {model}: its `sections` need 'train', how it is fitted")
 
     def collect(self, environment: str) -> Task:
         """The data of one environment, shared by all its cells."""
@@ -140,8 +142,7 @@ class Pipeline:
         model = models[cell.model]
         config = asdict(self.config)
         sections = {name: config[name] for name in model.sections}
-        if "train" in sections:
-            sections["train"] = model.budget(sections)
+        sections["train"] = model.budget(sections)
         return self._training_set(cell) | {
             "model": cell.model,
             "model_version": model.version,

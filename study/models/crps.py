@@ -12,15 +12,18 @@ estimated without bias for any m ≥ 2 (the fair form: pairs of one and the same
 """
 
 import math
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
 from study.data.scaling import Scaling
 from study.models.baseline import OnBaseline
 from study.models.decoder import RecurrentDecoder
-from study.models.forecaster import adamw, each_sample
+from study.models.forecaster import each_sample
 from study.models.transition import TransitionDecoder
 
 # Steps between two states whose difference is scored as an increment.
@@ -29,11 +32,12 @@ _LEAST = 1e-6
 
 # Until which share of the training how many steps are forecast freely; then the whole horizon.
 PIECES = ((0.6, 1), (0.64, 8), (0.68, 32))
-# So many pieces of a batch serve for one step: of single transitions there are more than it needs.
+# So many pieces of a batch at most serve for one step of the optimiser: of single transitions
+# there are more than it needs.
 PIECES_AT_ONCE = 1024
 # The learning rate's peak for more than single transitions, as a share of the first.
 FREE_RATE = 0.2
-# At the validation data, in a whole fit.
+# Times that the validation data are looked at in a fit.
 LOOKS = 10
 
 
@@ -97,39 +101,37 @@ class CrpsGenerator(OnBaseline):
 
     @classmethod
     def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
-        """See `Model.budget`: that of the section `crps`, looked at ten times."""
+        """See `Model.budget`: that of the section `crps`. It is looked at ten times, to its end.
+
+        Early looks say little: a network that knows single transitions forecasts badly.
+        """
         own = {name: settings["crps"][name] for name in ("steps", "batch_size", "learning_rate")}
-        looks = {"validate_every": -(-own["steps"] // LOOKS), "patience": LOOKS}
+        looks = {"validate_every": max(1, own["steps"] // LOOKS), "patience": own["steps"]}
         return settings["train"] | own | looks
 
-    def configure_optimizers(self) -> Any:
-        """AdamW: one cycle of the learning rate for single transitions, a lower one for the rest.
+    def see(self, states: Tensor) -> None:
+        """See `Model.see`: forecasts keep to their range."""
+        if isinstance(self.decode, TransitionDecoder):
+            self.decode.bound(states)
+
+    def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
+        """One cycle for single transitions, and a lower one for longer pieces.
 
         Free forecasts answer to a change of the weights far more than single transitions do.
         """
-        train = self.settings["train"]
-        wanted = [p for p in self.parameters() if p.requires_grad]
-        decay = self.weight_decay(train)
-        return adamw(wanted, train["learning_rate"], decay, train["steps"], self.rate)
-
-    def rate(self, step: int) -> float:
-        """The learning rate at a step, as a share of its peak."""
-        steps, single = self.settings["crps"]["steps"], PIECES[0][0]
-        share = step / steps
-        if share < single:
-            peak, share = 1.0, share / single
-        else:
-            peak, share = FREE_RATE, (share - single) / (1 - single)
-        return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)
-
-    def on_fit_start(self) -> None:
-        """The range of the training states, which forecasts keep to."""
-        if isinstance(self.decode, TransitionDecoder):
-            self.decode.bound(self.trainer.datamodule.training.tensors["states"])  # type: ignore[attr-defined]
+        if isinstance(self.decode, RecurrentDecoder):
+            return super().schedule(optimizer, learning_rate, steps)
+        return LambdaLR(optimizer, partial(two_cycles, steps=steps))
 
     def piece(self, step: int, horizon: int) -> int:
-        """Steps that are forecast freely at this step of training."""
-        share = step / self.settings["crps"]["steps"]
+        """Steps that are forecast freely at this step of training.
+
+        A recurrent decoder is trained on whole trajectories: in pieces it would learn to know no
+        more of the past than their first state.
+        """
+        share = step / self.settings["train"]["steps"]
+        if isinstance(self.decode, RecurrentDecoder):
+            return horizon
         return next((min(length, horizon) for until, length in PIECES if share < until), horizon)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
@@ -184,7 +186,7 @@ class CrpsGenerator(OnBaseline):
 def cut(
     states: Tensor, actions: Tensor, baselines: Tensor, length: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Trajectories cut into P pieces of `length` steps, from a random step on.
+    """Trajectories cut into P pieces of `length` steps; what is left over falls to both ends.
 
     Args:
         states: [B, T+1, D].
@@ -207,14 +209,17 @@ def cut(
 
 
 def mean_error(forecasts: Tensor, observed: Tensor) -> Tensor:
-    """Squared error of the forecast's mean, relative to that of a single forecast.
+    """Squared error of the forecast's mean, in units of that of a single forecast.
 
         E (E x − y)² / E (x − y)²,   (E x − y)² by (x_1 − y)(x_2 − y), without bias
 
-    averaged over the dimensions. A score of absolute distances sees no point in an event that
-    comes seldom, of which it cannot yet say when: "never" is a fair median. The mean does, and so
-    leads to where the event can be told. It is least for the true distribution as well, so the sum
-    of the two is still a proper score.
+    averaged over the dimensions. The denominator counts as a constant, without derivative. The
+    numerator is least when the mean is right, whatever the spread, so beside a proper score the
+    derivative still vanishes at the true distribution.
+
+    Why it is needed: a score of absolute distances sees no point in an event that comes seldom, of
+    which it cannot yet say when; "never" is a fair median. The mean does, and so leads to where the
+    event can be told.
 
     Args:
         forecasts: x [B, T, m, D]; the first two of m count.
@@ -223,3 +228,13 @@ def mean_error(forecasts: Tensor, observed: Tensor) -> Tensor:
     first, second = (forecasts[:, :, k] - observed for k in (0, 1))
     squared = 0.5 * (first.square() + second.square()).mean((0, 1)).detach()
     return ((first * second).mean((0, 1)) / squared.clamp(min=_LEAST**2)).mean()
+
+
+def two_cycles(step: int, steps: int) -> float:
+    """The learning rate as a share of its peak: twice it rises briefly and falls by a cosine."""
+    single, share = PIECES[0][0], (step + 1) / (steps + 1)
+    if share < single:
+        peak, share = 1.0, share / single
+    else:
+        peak, share = FREE_RATE, (share - single) / (1 - single)
+    return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)

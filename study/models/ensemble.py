@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from study.data.scaling import Scaling
-from study.models.forecaster import Model, adamw
+from study.models.forecaster import Model
 from study.models.likelihood import negative_log_likelihood
 from study.models.recurrence import feedback_gru, gru
 
@@ -133,7 +133,5 @@ class Ensemble(Model):
         self.log("validation_score", losses.mean(), batch_size=len(forecasts))
 
     def configure_optimizers(self) -> Any:
-        """See `adamw`."""
-        options = self.settings["ensemble"]
-        decay = self.weight_decay(options)
-        return adamw(self.parameters(), options["learning_rate"], decay, options["steps"])
+        """See `Model.optimised`."""
+        return self.optimised(self.settings["ensemble"])

@@ -14,6 +14,8 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
 
 from study.data.scaling import Scaling
 from study.models.forecaster import Model
@@ -53,6 +55,21 @@ class EnsembleOf(Model):
     def trial_settings(cls, settings: dict[str, Any]) -> dict[str, Any]:
         """One member: they all share β, which is searched for as that of one model."""
         return settings | {"model_ensemble": settings["model_ensemble"] | {"members": 1}}
+
+    @classmethod
+    def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        """See `Model.budget`: that of a member."""
+        return cls.member_class.budget(settings)
+
+    def see(self, states: Tensor) -> None:
+        """See `Model.see`."""
+        for member in self.each():
+            member.see(states)
+
+    def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
+        """See `Model.schedule`: that of a member."""
+        schedule: LRScheduler = self.each()[0].schedule(optimizer, learning_rate, steps)
+        return schedule
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """The sum of the members' losses, each on its own batch: the batch has a leading axis M.

@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import Parameter
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler, OneCycleLR
 
 from study.data.axes import turn
 from study.data.scaling import Floats, Scaling
@@ -187,11 +189,30 @@ class Model(L.LightningModule):
         score = self.validation_score(forecasts, observed)
         self.log("validation_score", score, batch_size=len(s0))
 
+    def on_fit_start(self) -> None:
+        """Lightning's hook: see `see`."""
+        self.see(self.trainer.datamodule.training.tensors["states"])  # type: ignore[attr-defined]
+
+    def see(self, states: Tensor) -> None:
+        """Before fitting: the training states [N, T+1, D] in standard units."""
+
     def configure_optimizers(self) -> Any:
-        """See `adamw`."""
-        train = self.settings["train"]
+        """See `optimised`."""
+        return self.optimised(self.settings["train"])
+
+    def optimised(self, options: dict[str, Any]) -> dict[str, Any]:
+        """What Lightning asks for: `adamw` and its `schedule`, by these options."""
         wanted = [p for p in self.parameters() if p.requires_grad]
-        return adamw(wanted, train["learning_rate"], self.weight_decay(train), train["steps"])
+        optimizer = adamw(wanted, options["learning_rate"], self.weight_decay(options))
+        schedule = self.schedule(optimizer, options["learning_rate"], options["steps"])
+        return {
+            "optimizer": optimizer,
+            "lr_scheduler": {"scheduler": schedule, "interval": "step"},
+        }
+
+    def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
+        """One cycle: the rate rises over the first tenth of the steps, then falls to nearly 0."""
+        return OneCycleLR(optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1)
 
     def weight_decay(self, options: dict[str, Any]) -> float:
         """Its setting divided by the number of training trajectories N.
@@ -207,17 +228,10 @@ def each_sample(values: Tensor, samples: int) -> Tensor:
     return values.repeat_interleave(samples, dim=0)
 
 
-def adamw(
-    parameters: Iterable[Parameter],
-    learning_rate: float,
-    decay: float,
-    steps: int,
-    share: Callable[[int], float] | None = None,
-) -> Any:
+def adamw(parameters: Iterable[Parameter], learning_rate: float, decay: float) -> Optimizer:
     """AdamW (Loshchilov and Hutter, ICLR 2019); matrices decay, biases and bounds do not.
 
-    The rate rises over the first tenth of the steps, then falls to nearly nothing, or is the
-    `share` of `learning_rate` at each step; each step shrinks the matrices by rate × decay.
+    Each step shrinks the matrices by rate × decay.
     """
     matrices: list[Parameter] = []
     others: list[Parameter] = []
@@ -228,18 +242,7 @@ def adamw(
         {"params": matrices, "weight_decay": decay},
         {"params": others, "weight_decay": 0.0},
     ]
-    optimizer = torch.optim.AdamW(groups, lr=learning_rate, fused=True)
-    schedule: torch.optim.lr_scheduler.LRScheduler
-    if share is None:
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=0.1
-        )
-    else:
-        schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, share)
-    return {
-        "optimizer": optimizer,
-        "lr_scheduler": {"scheduler": schedule, "interval": "step"},
-    }
+    return torch.optim.AdamW(groups, lr=learning_rate, fused=True)
 
 
 def draw_noise(seeds: Seeds, samples: int, horizon: int, size: int) -> Floats:

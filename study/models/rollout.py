@@ -55,24 +55,17 @@ def rollout(
     """
     # Step by step is how the sequence is read and written.
     steps = (each.transpose(0, 1).contiguous() for each in (driven, drift))
-    return _Rollout.apply(state, *steps, *weights, scale, *bounds).transpose(0, 1)
-
-
-def step(state: Tensor, driven: Tensor, drift: Tensor, weights: Weights, scale: Tensor) -> Tensor:
-    """s_{t+1} before the bounds, as it is meant; `rollout` is held to it by a test."""
-    width = weights.out.shape[0]
-    linear, u, v = (state @ weights.feed + driven).split([state.shape[-1], width, width], -1)
-    hidden = u * torch.nn.functional.silu(v)
-    for layer, bias in zip(weights.layers, weights.biases, strict=True):
-        hidden = hidden + torch.nn.functional.silu(hidden @ layer + bias)
-    return state + scale * (linear + hidden @ weights.out) + drift
+    # Within `apply` it cannot be told whether a derivative is wanted.
+    given = (state, *steps, *weights, scale, *bounds, torch.is_grad_enabled())
+    return _Rollout.apply(*given).transpose(0, 1)
 
 
 class _Rollout(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, *given: Tensor) -> Tensor:
-        state, driven, drift, feed, layers, biases, out, scale, lowest, highest = given
-        derive = any(ctx.needs_input_grad)
+    def forward(ctx: Any, *given: Any) -> Tensor:
+        *tensors, wanted = given
+        state, driven, drift, feed, layers, biases, out, scale, lowest, highest = tensors
+        derive = wanted and any(ctx.needs_input_grad)
         steps, rows, _ = driven.shape
         depth, width, _ = layers.shape
         size = state.shape[-1]
@@ -96,7 +89,7 @@ class _Rollout(torch.autograd.Function):
             change = torch.addmm(drift[t], hiddens[now, depth], scaled).addcmul_(linear, scale)
             torch.clamp(change.add_(states[t]), lowest, highest, out=states[t + 1])
         if derive:
-            ctx.save_for_backward(*given[3:], states, first, sums, hiddens)
+            ctx.save_for_backward(*tensors[3:], states, first, sums, hiddens)
         return states[1:]
 
     @staticmethod
@@ -131,7 +124,7 @@ class _Rollout(torch.autograd.Function):
         of_out = (seen[-1].T @ of_drift.flatten(0, 1)) * scale
         of_layers, of_biases = seen[:-1].mT @ got, got.sum(1)
         weights = (of_feed, of_layers, of_biases, of_out)
-        return of_state, of_first, of_drift, *weights, None, None, None
+        return of_state, of_first, of_drift, *weights, None, None, None, None
 
 
 def _slope(x: Tensor) -> Tensor:

@@ -10,17 +10,17 @@ from study.models.rollout import Bounds, Weights, rollout
 # a peg touches a ball only within some hundredths of it. A smooth beginning takes long to see that.
 SHARPNESS = 3.0
 LAYERS = 2
-# Of the range of the training states; beyond it no forecast goes.
+# Of the range of the training states; so far beyond it a forecast may go.
 MARGIN = 0.02
 # Rows that are forecast at once: what drives the first layer is held for all of their steps.
 ROWS = 1024
 
 
 class TransitionDecoder(nn.Module):
-    """ŝ_{t+1} from ŝ_t, the conditions and the noise at t; nothing else of the past counts.
+    """ŝ_{t+1} from ŝ_t, the conditions, the baseline's change and the noise at t alone.
 
     It adds to a *baseline* b_{1:T} as `RecurrentDecoder` does: what it gives is the change of
-    ε = s − b. States stay within the range of the training states: a flight that sinks ends on the
+    ε = s − b. States stay near the range of the training states: a flight that sinks ends on the
     ground, and what is fed back cannot run away.
 
     Args:

@@ -32,10 +32,12 @@ def trajectories(count: int = 12, seed: int = 0) -> Trajectories:
     return Trajectories(states, actions, nothing, nothing, {})
 
 
-def settings(propagation: str = "trajectory", **vae: Any) -> dict[str, Any]:
+def settings(
+    propagation: str = "trajectory", crps: dict[str, Any] | None = None, **vae: Any
+) -> dict[str, Any]:
     return {
         "vae": asdict(Vae(hidden_size=8, latent_size=4, **vae)),
-        "crps": asdict(Crps(hidden_size=8, noise_size=5, lasting=2)),
+        "crps": asdict(Crps(hidden_size=8, noise_size=5, lasting=2, **(crps or {}))),
         "mlp": asdict(Mlp(hidden_size=8, layers=2)),
         "model_ensemble": asdict(ModelEnsemble(members=3)),
         "probabilistic_ensemble": asdict(ProbabilisticEnsemble(propagation)),

@@ -1,21 +1,28 @@
 """The generators beyond the paper: a score without bias, and noise that lasts."""
 
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 import pytest
 import scoringrules
 import torch
 from scipy.stats import norm
 
-from study.models.crps import CrpsGenerator, cut, fair_score, mean_error
+from study.config import Config, Crps
+from study.grid import Cell
+from study.models.crps import CrpsGenerator, cut, fair_score, mean_error, two_cycles
+from study.models.decoder import RecurrentDecoder
 from study.models.transition import TransitionDecoder
+from study.pipeline import Pipeline
 from tests.models.common import ACTION, HORIZON, STATE, model
 
 NAMES = ["residual_crps", "full_crps"]
 LASTING, NOISE = 2, 5
 
 
-def generator(name: str) -> CrpsGenerator:
-    made = model(name)
+def generator(name: str, **crps: Any) -> CrpsGenerator:
+    made = model(name, crps=crps)
     assert isinstance(made, CrpsGenerator)
     return made
 
@@ -106,7 +113,7 @@ def test_single_transitions_teach_nothing_of_the_lasting_noise(
     decode = network.decode
     assert isinstance(decode, TransitionDecoder)
     batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
-    steps = network.settings["crps"]["steps"]
+    steps = network.settings["train"]["steps"]
     drivers = slice(-NOISE, -NOISE + LASTING)
     for step, learns in ((0, False), (steps - 1, True)):
         network.zero_grad()
@@ -138,7 +145,7 @@ def test_pieces_are_of_one_trajectory_each_in_order() -> None:
 
 def test_pieces_grow_to_the_whole_horizon() -> None:
     network = generator("full_crps")
-    network.settings["crps"]["steps"] = 100
+    network.settings["train"]["steps"] = 100
     lengths = [network.piece(step, 120) for step in range(100)]
     assert lengths[0] == 1
     assert lengths[-1] == 120
@@ -148,13 +155,47 @@ def test_pieces_grow_to_the_whole_horizon() -> None:
 
 def test_the_rate_falls_before_free_forecasts_and_at_the_end() -> None:
     network = generator("full_crps")
-    network.settings["crps"]["steps"] = 1000
-    rates = np.array([network.rate(step) for step in range(1000)])
-    single = sum(network.piece(step, HORIZON) == 1 for step in range(1000))
+    steps = network.settings["train"]["steps"] = 1000
+    rates = np.array([two_cycles(step, steps) for step in range(steps)])
+    single = sum(network.piece(step, HORIZON) == 1 for step in range(steps))
+    assert (rates > 0).all()
     assert rates.max() == pytest.approx(1.0, abs=0.02)
-    assert rates[single - 1] < 0.01
+    assert rates[single - 2] < 0.01
     assert rates[single:].max() == pytest.approx(0.2, abs=0.005)
-    assert 0 < rates[-1] < 0.01
+    assert rates[-1] < 0.01
+
+
+@pytest.mark.parametrize("output", ["direct", "increment"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_recurrent_decoder_is_trained_on_whole_trajectories(
+    name: str, output: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = generator(name, decoder="recurrent", residual_output=output, full_output=output)
+    monkeypatch.setattr(network, "tell", lambda *_: None)
+    assert network.piece(0, HORIZON) == HORIZON
+    optimizer = torch.optim.SGD(network.parameters(), 1.0)
+    assert isinstance(network.schedule(optimizer, 1.0, 10), torch.optim.lr_scheduler.OneCycleLR)
+    batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
+    network.losses(batch, 0)["loss"].backward()
+    assert isinstance(network.decode, RecurrentDecoder)
+    gradient = network.decode.driven.weight.grad
+    assert gradient is not None
+    assert bool(gradient[:, -NOISE:].any(0).all())  # lasting noise and all
+
+
+def test_the_budget_is_that_of_the_section_crps() -> None:
+    config = Config(crps=Crps(steps=2505, batch_size=7, learning_rate=0.02))
+    found = Pipeline(config).train(Cell("pusher", "low", "full_crps", 0)).settings["sections"]
+    expected = asdict(config.train) | {
+        "steps": 2505,
+        "batch_size": 7,
+        "learning_rate": 0.02,
+        "validate_every": 250,
+        "patience": 2505,
+    }
+    assert found["train"] == expected
+    rival = Pipeline(config).train(Cell("pusher", "low", "full_vae", 0)).settings["sections"]
+    assert rival["train"] == asdict(config.train)
 
 
 def test_the_error_of_the_mean_has_no_bias() -> None:
@@ -182,7 +223,7 @@ def test_the_loss_is_relative(increments: float, monkeypatch: pytest.MonkeyPatch
     def loss(by: torch.Tensor) -> float:
         monkeypatch.setattr(network, "_generate", lambda *_: forecasts * by)
         batch = {"states": states * by, "actions": actions}
-        return float(network.losses(batch, network.settings["crps"]["steps"])["loss"])
+        return float(network.losses(batch, network.settings["train"]["steps"])["loss"])
 
     constant = float(units.log().mean())
     assert loss(units) == pytest.approx(loss(torch.ones(STATE)) + constant, abs=1e-4)

@@ -8,13 +8,15 @@ import torch
 from torch import Tensor
 
 from study.arguments import parse
+from study.data.scaling import Scaling
 from study.grid import Cell
 from study.models.ensemble_of import EnsembleOf
+from study.models.full_crps import FullCrps
 from study.pipeline import Pipeline
 from study.seeds import spawn
 from study.stages.ensemble import forecast_members
 from study.stages.evaluate import members_of
-from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
+from tests.models.common import ACTION, HORIZON, STATE, model, settings, trajectories
 
 NAMES = ["full_vae_ensemble", "residual_vae_ensemble", "probabilistic_ensemble"]
 MEMBERS = 3
@@ -242,3 +244,28 @@ def test_settings_are_those_of_their_models_alone(change: str, of: list[str]) ->
     cells = [Cell("uav", "low", name, 0) for name in models]
     changed = {cell.model for cell in cells if before.train(cell).key != after.train(cell).key}
     assert changed == set(of)
+
+
+class GeneratorEnsemble(EnsembleOf):
+    """As a user might write it."""
+
+    member_class = FullCrps
+    sections = ("model_ensemble", *FullCrps.sections)
+
+
+def test_members_are_fitted_as_one_of_their_class_would_be() -> None:
+    sections = settings()
+    budget = GeneratorEnsemble.budget(sections)
+    assert budget == FullCrps.budget(sections) != sections["train"]
+    made = GeneratorEnsemble(Scaling.of(trajectories()), sections | {"train": budget})
+    optimizer = torch.optim.SGD(made.parameters(), 1.0)
+    assert isinstance(made.schedule(optimizer, 1.0, 10), torch.optim.lr_scheduler.LambdaLR)
+    made.see(torch.rand(5, HORIZON + 1, STATE))
+    for member in made.each():
+        assert bool(member.decode.lowest.isfinite().all())
+    batch = {
+        "states": torch.rand(3, 4, HORIZON + 1, STATE),
+        "actions": torch.rand(3, 4, HORIZON, 2),
+    }
+    for step in (0, budget["steps"] - 1):
+        assert bool(made.losses(batch, step)["loss"].isfinite())
