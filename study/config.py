@@ -163,7 +163,7 @@ class Crps:
 
     decoder: str = setting("transition", choices=("transition", "recurrent"))
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(2500, low=1)
+    steps: int = setting(2000, low=1)
     batch_size: int = setting(12, low=1)
     learning_rate: float = setting(1e-2, low=1e-8, high=1.0)
     noise_size: int = setting(8, low=1)
