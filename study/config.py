@@ -144,35 +144,30 @@ class Crps:
     """The generators trained by proper scores, beyond the paper.
 
     Args:
-        decoder: the next state comes from this one alone, by a feedforward network (`transition`),
-            or from all before, by the residual VAE's GRU (`recurrent`).
         hidden_size: width of the decoder's layers.
         steps: optimiser steps at most, in place of `train.steps`.
-        batch_size: trajectories in a batch, in place of `train.batch_size`.
+        single: share of the steps that learns from single transitions, by the logarithmic score;
+            the rest learns from whole trajectories, by the CRPS.
+        batch_size: trajectories that single transitions are drawn from, in place of
+            `train.batch_size`; whole ones are taken from among them.
         learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
         noise_size: standard normal numbers that drive the decoder at each step.
         lasting: so many of them are drawn once and stay for the whole trajectory.
         samples: forecasts of each training trajectory that are scored together.
         energy: weight of the energy score of the joint state.
         increments: weight of the energy score of the joint state's change over a few steps.
-        residual_output: the residual generator's recurrent decoder gives ε_{t+1} (`direct`) or its
-            change (`increment`).
-        full_output: the full generator's recurrent decoder gives s_{t+1} (`direct`) or its change
-            (`increment`).
     """
 
-    decoder: str = setting("transition", choices=("transition", "recurrent"))
     hidden_size: int = setting(64, low=1)
-    steps: int = setting(2000, low=1)
-    batch_size: int = setting(12, low=1)
-    learning_rate: float = setting(1e-2, low=1e-8, high=1.0)
-    noise_size: int = setting(8, low=1)
+    steps: int = setting(4000, low=1)
+    single: float = setting(0.8, low=0.0, high=1.0)
+    batch_size: int = setting(64, low=1)
+    learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
+    noise_size: int = setting(12, low=1)
     lasting: int = setting(4, low=0)
-    samples: int = setting(2, low=2)
+    samples: int = setting(4, low=2)
     energy: float = setting(0.3, low=0.0)
     increments: float = setting(0.0, low=0.0)
-    residual_output: str = setting("increment", choices=("direct", "increment"))
-    full_output: str = setting("increment", choices=("direct", "increment"))
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,13 @@
-"""Generators trained by a proper score of their own forecasts, without an encoder and without β.
+"""Generators trained by proper scores of their own forecasts, without an encoder and without β.
 
 A strictly proper score is least, on average, for the true distribution. So it can be minimised
-directly: draw m forecasts of each training trajectory, freely, and score them against what happened
-(Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). With F forecast
-and y observed,
+directly (Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). Two
+are used here. A single step's distribution F is known, and has the logarithmic score
+
+    LS(F, y) = −log p_F(y)
+
+From the distribution of whole trajectories one can only draw. m forecasts of each, freely, are
+scored against what happened: with x forecast and y observed,
 
     CRPS(F, y) = E|x − y| − ½ E|x − x'|            of each number
     ES(F, y)   = E‖x − y‖ − ½ E‖x − x'‖            of vectors: the joint state
@@ -22,7 +26,6 @@ from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
 from study.data.scaling import Scaling
 from study.models.baseline import OnBaseline
-from study.models.decoder import RecurrentDecoder
 from study.models.forecaster import each_sample
 from study.models.transition import TransitionDecoder
 
@@ -30,13 +33,13 @@ from study.models.transition import TransitionDecoder
 LAG = 5
 _LEAST = 1e-6
 
-# Until which share of the training how many steps are forecast freely; then the whole horizon.
-PIECES = ((0.6, 1), (0.64, 8), (0.68, 32))
-# So many pieces of a batch at most serve for one step of the optimiser: of single transitions
-# there are more than it needs.
-PIECES_AT_ONCE = 1024
-# The learning rate's peak for more than single transitions, as a share of the first.
+# How many transitions, and how many trajectories, serve for one step of the optimiser.
+TRANSITIONS = 512
+TRAJECTORIES = 12
+# The learning rate's peak for whole trajectories, as a share of that for single transitions.
 FREE_RATE = 0.2
+# In the logarithmic score a transition counts by its standard deviation to this power.
+BY_WIDTH = 0.75
 # Times that the validation data are looked at in a fit.
 LOOKS = 10
 
@@ -70,40 +73,32 @@ class CrpsGenerator(OnBaseline):
     The first components of the noise stay for the whole trajectory, for what is hidden and lasts
     (a payload); the others are drawn at every step.
 
-    Training begins with single transitions, from which a contact of a few hundredths of a second
-    can be learned, and goes on to ever longer pieces of trajectories that are forecast freely
-    (`PIECES`). Each generator has a budget of its own in the section `crps`, since it has no β to
-    search for.
+    It learns single transitions first, from which a contact of a few hundredths of a second can be
+    learned, and whole trajectories after that: what lasts, and how errors add up. It has a budget
+    of its own in the section `crps`, since it has no β to search for.
 
     Args:
         scaling: standard units.
         settings: the sections `crps` and `train` of the configuration.
-        output: what a recurrent decoder gives, the target (`direct`) or its change (`increment`).
         extra_conditions: size of what the decoder sees beside the actions.
     """
 
     sections = ("crps", "train")
 
     def __init__(
-        self, scaling: Scaling, settings: dict[str, Any], output: str, extra_conditions: int = 0
+        self, scaling: Scaling, settings: dict[str, Any], extra_conditions: int = 0
     ) -> None:
         super().__init__(scaling, settings)
         crps = settings["crps"]
         self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["lasting"])
-        sizes = (self.action_size + extra_conditions, crps["hidden_size"], crps["noise_size"])
-        self.decode: RecurrentDecoder | TransitionDecoder
-        if crps["decoder"] == "transition":
-            self.decode = TransitionDecoder(self.change_scale, *sizes, self.lasting)
-        else:
-            increments = output == "increment"
-            unit = self.change_scale if increments else torch.ones_like(self.change_scale)
-            self.decode = RecurrentDecoder(unit, *sizes, increments=increments)
+        sizes = (self.action_size + extra_conditions, crps["hidden_size"], self.noise_size)
+        self.decode = TransitionDecoder(scaling, *sizes, self.lasting)
 
     @classmethod
     def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
         """See `Model.budget`: that of the section `crps`. It is looked at ten times, to its end.
 
-        Early looks say little: a network that knows single transitions forecasts badly.
+        Early looks say little: a network that knows single transitions may forecast badly.
         """
         own = {name: settings["crps"][name] for name in ("steps", "batch_size", "learning_rate")}
         looks = {"validate_every": max(1, own["steps"] // LOOKS), "patience": own["steps"]}
@@ -111,57 +106,88 @@ class CrpsGenerator(OnBaseline):
 
     def see(self, states: Tensor) -> None:
         """See `Model.see`: forecasts keep to their range."""
-        if isinstance(self.decode, TransitionDecoder):
-            self.decode.bound(states)
+        self.decode.bound(states)
+
+    def first_free(self) -> int:
+        """The first step of the optimiser that serves whole trajectories."""
+        return round(self.settings["crps"]["single"] * self.settings["train"]["steps"])
+
+    def forgets(self, step: int) -> bool:
+        """See `Model.forgets`: the gradient of trajectories is of another size."""
+        return step == self.first_free()
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
-        """One cycle for single transitions, and a lower one for longer pieces.
+        """One cycle for single transitions, and a lower one for trajectories.
 
         Free forecasts answer to a change of the weights far more than single transitions do.
         """
-        if isinstance(self.decode, RecurrentDecoder):
-            return super().schedule(optimizer, learning_rate, steps)
-        return LambdaLR(optimizer, partial(two_cycles, steps=steps))
-
-    def piece(self, step: int, horizon: int) -> int:
-        """Steps that are forecast freely at this step of training.
-
-        A recurrent decoder is trained on whole trajectories: in pieces it would learn to know no
-        more of the past than their first state.
-        """
-        share = step / self.settings["train"]["steps"]
-        if isinstance(self.decode, RecurrentDecoder):
-            return horizon
-        return next((min(length, horizon) for until, length in PIECES if share < until), horizon)
+        cycles = partial(two_cycles, steps=steps, single=self.first_free())
+        return LambdaLR(optimizer, cycles)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """m free forecasts of each piece, each from a member of its own, and their score."""
-        states, actions, crps = batch["states"], batch["actions"], self.settings["crps"]
-        baselines = self.baselines(states[:, 0], actions, batch.get("members"))
-        length = self.piece(step, actions.shape[1])
-        states, actions, baselines = cut(states, actions, baselines, length)
-        if len(states) > PIECES_AT_ONCE:
-            chosen = torch.randperm(len(states), device=states.device)[:PIECES_AT_ONCE]
-            states, actions, baselines = states[chosen], actions[chosen], baselines[chosen]
-        s0, truth, samples = states[:, 0], states[:, 1:], crps["samples"]
-        member = torch.randint(self.members_count(), (len(s0), samples), device=s0.device)
-        noise = torch.randn(*member.shape, length, self.noise_size, device=s0.device)
-        if length == 1:
-            # In a single step all noise is alike. Taught there, the lasting noise would push the
-            # same way in every step of a forecast.
-            noise[..., : self.lasting] = 0
+        """See `Model.losses`."""
+        states, actions = batch["states"], batch["actions"]
+        members = batch.get("members")
+        if step < self.first_free():
+            baselines = self.baselines(states[:, 0], actions, members)
+            return self.transition_losses(states, actions, baselines)
+        states, actions = states[:TRAJECTORIES], actions[:TRAJECTORIES]
+        members = None if members is None else members[:TRAJECTORIES]
+        baselines = self.baselines(states[:, 0], actions, members)
+        return self.trajectory_losses(states, actions, baselines)
+
+    def transition_losses(
+        self, states: Tensor, actions: Tensor, baselines: Tensor
+    ) -> dict[str, Tensor]:
+        """The logarithmic score of single transitions, and the error of their mean.
+
+        Steps of the horizon at which states change much are drawn more often: a start from rest
+        comes once in a trajectory. The lasting noise is zero: in a single step all noise is alike.
+
+        Args:
+            states: [B, T+1, D].
+            actions: [B, T, A].
+            baselines: [B, M, T+1, D].
+        """
+        scale, horizon = self.change_scale, actions.shape[1]
+        liveliness = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
+        likely = liveliness.expand(len(states), -1).flatten()
+        chosen = torch.multinomial(likely, TRANSITIONS, replacement=True)
+        row, at = chosen // horizon, chosen % horizon
+        member = torch.randint(self.members_count(), chosen.shape, device=chosen.device)
+        baseline = torch.stack([baselines[row, member, at], baselines[row, member, at + 1]], 1)
+        condition = self.beside(baseline, actions[row, at][:, None])[:, 0]
+        drift = baseline[:, 1] - baseline[:, 0]
+        state = states[row, at]
+        mean, factor = self.decode.transition(state, drift, condition, states[row, 0])
+        error = (states[row, at + 1] - state - drift) / scale - mean
+        score = logarithmic_score(error, factor.square().sum(1).clamp(min=_LEAST**2))
+        # See `logarithmic_score`: what the score alone takes for noise, this does not.
+        of_mean = error.square().mean(0).clamp(min=_LEAST**2).log().mean()
+        return {"loss": score + of_mean, "loss/transitions": score, "loss/mean": of_mean}
+
+    def trajectory_losses(
+        self, states: Tensor, actions: Tensor, baselines: Tensor
+    ) -> dict[str, Tensor]:
+        """m free forecasts of each trajectory, each from a member of its own, and their score.
+
+        Args:
+            states, actions, baselines: see `transition_losses`.
+        """
+        s0, truth, crps = states[:, 0], states[:, 1:], self.settings["crps"]
+        shape = (len(s0), crps["samples"])
+        member = torch.randint(self.members_count(), shape, device=s0.device)
+        noise = torch.randn(*shape, truth.shape[1], self.noise_size, device=s0.device)
         forecasts = self._generate(s0, actions, noise, member, baselines)
         forecasts = forecasts.movedim(1, 2)  # [B, T, m, D]
         each = fair_score(forecasts.movedim(-1, -2)[..., None], truth[..., None]).mean((0, 1))
         # Of a logarithm the derivative is relative: a number counts by its own uncertainty.
         loss = each.clamp(min=_LEAST).log().mean()
         unit = each.detach().clamp(min=_LEAST)
-        if length == 1:
-            loss = loss + mean_error(forecasts, truth)
         forecasts, truth = forecasts / unit, truth / unit
         joint = fair_score(forecasts, truth).mean()
         loss = loss + crps["energy"] * joint.clamp(min=_LEAST).log()
-        if crps["increments"] and length > LAG:
+        if crps["increments"] and truth.shape[1] > LAG:
             change, true_change = (x[:, LAG:] - x[:, :-LAG] for x in (forecasts, truth))
             moved = fair_score(change, true_change).mean()
             loss = loss + crps["increments"] * moved.clamp(min=_LEAST).log()
@@ -183,58 +209,35 @@ class CrpsGenerator(OnBaseline):
         return forecasts.unflatten(0, (-1, samples))
 
 
-def cut(
-    states: Tensor, actions: Tensor, baselines: Tensor, length: int
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Trajectories cut into P pieces of `length` steps; what is left over falls to both ends.
+def logarithmic_score(error: Tensor, variance: Tensor) -> Tensor:
+    """−log N(error; 0, variance) of each dimension, weighted, averaged over all.
+
+        E_d E[w (½ e² / σ² + log σ)],   w = σ^0.75 / E σ^0.75 without a derivative
+
+    The weights (Seitzer et al., ICLR 2022) let transitions whose error is large, and was first
+    taken for noise, be learned all the same. Beside them stands the logarithm of the mean's squared
+    error (`likelihood.negative_log_likelihood`), which sees no noise at all.
 
     Args:
-        states: [B, T+1, D].
-        actions: [B, T, A].
-        baselines: [B, M, T+1, D].
-        length: h, at most T.
-
-    Returns:
-        [B·P, h+1, D], [B·P, h, A] and [B·P, M, h+1, D].
+        error: [B, D].
+        variance: σ² [B, D].
     """
-    rest = actions.shape[1] % length
-    first = int(torch.randint(rest + 1, ()))
-    last = actions.shape[1] - rest + first
-    pieces = states[:, first : last + 1].unfold(1, length + 1, length)
-    moves = actions[:, first:last].unfold(1, length, length)
-    under = baselines[:, :, first : last + 1].unfold(2, length + 1, length).movedim(2, 1)
-    cuts = (each.flatten(0, 1).movedim(-1, -2) for each in (pieces, moves, under))
-    states, actions, baselines = cuts
-    return states, actions, baselines
+    deviation = variance.sqrt()
+    weight = deviation.detach() ** BY_WIDTH
+    weight = weight / weight.mean(0)
+    return (weight * (0.5 * error.square() / variance + deviation.log())).mean()
 
 
-def mean_error(forecasts: Tensor, observed: Tensor) -> Tensor:
-    """Squared error of the forecast's mean, in units of that of a single forecast.
-
-        E (E x − y)² / E (x − y)²,   (E x − y)² by (x_1 − y)(x_2 − y), without bias
-
-    averaged over the dimensions. The denominator counts as a constant, without derivative. The
-    numerator is least when the mean is right, whatever the spread, so beside a proper score the
-    derivative still vanishes at the true distribution.
-
-    Why it is needed: a score of absolute distances sees no point in an event that comes seldom, of
-    which it cannot yet say when; "never" is a fair median. The mean does, and so leads to where the
-    event can be told.
+def two_cycles(step: int, steps: int, single: int) -> float:
+    """The learning rate as a share of its peak: twice it rises briefly and falls by a cosine.
 
     Args:
-        forecasts: x [B, T, m, D]; the first two of m count.
-        observed: y [B, T, D].
+        step: of the optimiser, from 0.
+        steps: of all training.
+        single: so many of them are for single transitions.
     """
-    first, second = (forecasts[:, :, k] - observed for k in (0, 1))
-    squared = 0.5 * (first.square() + second.square()).mean((0, 1)).detach()
-    return ((first * second).mean((0, 1)) / squared.clamp(min=_LEAST**2)).mean()
-
-
-def two_cycles(step: int, steps: int) -> float:
-    """The learning rate as a share of its peak: twice it rises briefly and falls by a cosine."""
-    single, share = PIECES[0][0], (step + 1) / (steps + 1)
-    if share < single:
-        peak, share = 1.0, share / single
-    else:
-        peak, share = FREE_RATE, (share - single) / (1 - single)
+    peak, done, of = (
+        (1.0, step, single) if step < single else (FREE_RATE, step - single, steps - single)
+    )
+    share = (done + 1) / (of + 1)
     return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)

@@ -71,6 +71,11 @@ class EnsembleOf(Model):
         schedule: LRScheduler = self.each()[0].schedule(optimizer, learning_rate, steps)
         return schedule
 
+    def forgets(self, step: int) -> bool:
+        """See `Model.forgets`: as a member."""
+        forgets: bool = self.each()[0].forgets(step)
+        return forgets
+
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """The sum of the members' losses, each on its own batch: the batch has a leading axis M.
 

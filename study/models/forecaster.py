@@ -196,6 +196,16 @@ class Model(L.LightningModule):
     def see(self, states: Tensor) -> None:
         """Before fitting: the training states [N, T+1, D] in standard units."""
 
+    def on_train_batch_start(self, *_: Any) -> None:
+        """Lightning's hook: see `forgets`."""
+        if self.forgets(self.global_step):
+            for optimizer in self.trainer.optimizers:
+                optimizer.state.clear()
+
+    def forgets(self, step: int) -> bool:
+        """Whether the optimiser forgets its averages before this step: its task changes."""
+        return False
+
     def configure_optimizers(self) -> Any:
         """See `optimised`."""
         return self.optimised(self.settings["train"])

@@ -1,6 +1,7 @@
 """The generators beyond the paper: a score without bias, and noise that lasts."""
 
 from dataclasses import asdict
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,7 @@ from scipy.stats import norm
 
 from study.config import Config, Crps
 from study.grid import Cell
-from study.models.crps import CrpsGenerator, cut, fair_score, mean_error, two_cycles
-from study.models.decoder import RecurrentDecoder
-from study.models.transition import TransitionDecoder
+from study.models.crps import CrpsGenerator, fair_score, logarithmic_score, two_cycles
 from study.pipeline import Pipeline
 from tests.models.common import ACTION, HORIZON, STATE, model
 
@@ -61,7 +60,6 @@ def test_the_lasting_noise_lasts(name: str) -> None:
     """Its first value serves for every step; the other components are drawn at each."""
     network = generator(name)
     torch.manual_seed(0)
-    assert isinstance(network.decode, TransitionDecoder)
     torch.nn.init.normal_(network.decode.first.weight)  # it begins without the lasting noise
     given = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
     noise, member = torch.randn(2, 3, HORIZON, NOISE), torch.zeros(2, 3, dtype=torch.int64)
@@ -104,83 +102,92 @@ def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_single_transitions_teach_nothing_of_the_lasting_noise(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In the first part of training; in the last, which forecasts freely, it counts."""
+def test_single_transitions_teach_nothing_of_the_lasting_noise(name: str) -> None:
+    """Nor of where a trajectory began, but linearly; whole trajectories do."""
     network = generator(name)
-    monkeypatch.setattr(network, "tell", lambda *_: None)
     decode = network.decode
-    assert isinstance(decode, TransitionDecoder)
     batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
-    steps = network.settings["train"]["steps"]
-    drivers = slice(-NOISE, -NOISE + LASTING)
-    for step, learns in ((0, False), (steps - 1, True)):
+    lasts_and_stays = slice(-LASTING - STATE, None)
+    for step, learns in ((0, False), (network.first_free(), True)):
         network.zero_grad()
         network.losses(batch, step)["loss"].backward()
         assert decode.first.weight.grad is not None
-        assert bool(decode.first.weight.grad[:, drivers].any()) is learns
-        assert bool(decode.first.weight.grad[:, -NOISE + LASTING :].any())
+        assert decode.linear.weight.grad is not None
+        assert bool(decode.first.weight.grad[:, lasts_and_stays].any()) is learns
+        assert bool(decode.first.weight.grad[:, : -LASTING - STATE].any())
+        assert bool(decode.linear.weight.grad[:, -STATE:].any())
 
 
-def test_pieces_are_of_one_trajectory_each_in_order() -> None:
-    """Numbers that name trajectory and step stay together, whatever step the first piece has."""
-    count, horizon, members, length = 3, 11, 2, 4
-    named = 100.0 * torch.arange(count)[:, None] + torch.arange(horizon + 1)
-    states, baselines = named[..., None], named[:, None, :, None].expand(-1, members, -1, -1)
-    seen = set()
-    for seed in range(20):
-        torch.manual_seed(seed)
-        pieces, actions, under = cut(states, named[:, :-1, None], baselines, length)
-        assert pieces.shape == (count * 2, length + 1, 1)
-        assert torch.equal(pieces[:, :-1], actions)
-        assert torch.equal(pieces[:, None].expand(-1, members, -1, -1), under)
-        steps = pieces[..., 0] - pieces[:, :1, 0]
-        assert torch.equal(steps, torch.arange(length + 1.0).expand_as(steps))
-        starts = pieces[:, 0, 0].reshape(count, 2)
-        assert torch.equal(starts[:, 1], starts[:, 0] + length)
-        seen |= set((starts[0] % 100).tolist())
-    assert seen == {float(first) for first in range(8)}
+def test_the_logarithmic_score_of_equal_widths_is_that_of_scipy() -> None:
+    draws = np.random.default_rng(0)
+    error = draws.normal(size=(50, 3))
+    deviation = np.array([0.5, 2.0, 1.0])
+    found = logarithmic_score(torch.from_numpy(error), torch.from_numpy(deviation**2).expand(50, 3))
+    expected = -norm.logpdf(error, scale=deviation).mean() - 0.5 * np.log(2 * np.pi)
+    assert float(found) == pytest.approx(expected)
 
 
-def test_pieces_grow_to_the_whole_horizon() -> None:
+def test_the_logarithmic_score_is_least_at_the_true_width() -> None:
+    """Also where transitions of two widths are weighed against each other."""
+    true = torch.tensor([0.2, 3.0]).double().repeat(200_000)[:, None]
+    draws = torch.randn(true.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    error = true * draws
+    factors = torch.tensor([1.0, 1.0], dtype=torch.float64, requires_grad=True)
+    deviation = true * factors.repeat(200_000)[:, None]
+    logarithmic_score(error, deviation.square()).backward()
+    assert factors.grad is not None
+    assert factors.grad.abs().max() < 0.005
+    with torch.no_grad():
+        wrong = logarithmic_score(error, (2 * true).square())
+        right = logarithmic_score(error, true.square())
+    assert float(wrong - right) > 0.1
+
+
+def test_lively_steps_are_drawn_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
     network = generator("full_crps")
-    network.settings["train"]["steps"] = 100
-    lengths = [network.piece(step, 120) for step in range(100)]
-    assert lengths[0] == 1
-    assert lengths[-1] == 120
-    assert lengths == sorted(lengths)
-    assert max(network.piece(step, 20) for step in range(100)) == 20
+    states = torch.zeros(500, HORIZON + 1, STATE)
+    # At one step of the horizon everything changes three times as much as usual, else nothing.
+    states[:, 3:] = 3.0 * network.change_scale
+    transition, drawn = network.decode.transition, []
+
+    def watched(*given: torch.Tensor) -> Any:
+        drawn.append(given[2][:, 0])
+        return transition(*given)
+
+    monkeypatch.setattr(network.decode, "transition", watched)
+    marked = torch.zeros(500, HORIZON, ACTION)
+    marked[:, 2] = 1.0
+    torch.manual_seed(0)
+    for _ in range(20):
+        network.losses({"states": states, "actions": marked}, 0)
+    # A weight of 1 + 9 against 1 for each of the others.
+    assert float(torch.cat(drawn).mean()) == pytest.approx(10 / (10 + HORIZON - 1), abs=0.06)
 
 
 def test_the_rate_falls_before_free_forecasts_and_at_the_end() -> None:
-    network = generator("full_crps")
-    steps = network.settings["train"]["steps"] = 1000
-    rates = np.array([two_cycles(step, steps) for step in range(steps)])
-    single = sum(network.piece(step, HORIZON) == 1 for step in range(steps))
+    rates = np.array([two_cycles(step, 1000, 800) for step in range(1000)])
     assert (rates > 0).all()
     assert rates.max() == pytest.approx(1.0, abs=0.02)
-    assert rates[single - 2] < 0.01
-    assert rates[single:].max() == pytest.approx(0.2, abs=0.005)
+    assert rates[798] < 0.01
+    assert rates[800:].max() == pytest.approx(0.2, abs=0.005)
     assert rates[-1] < 0.01
+    for single in (0, 1000):
+        assert all(0 < two_cycles(step, 1000, single) <= 1 for step in range(1000))
 
 
-@pytest.mark.parametrize("output", ["direct", "increment"])
-@pytest.mark.parametrize("name", NAMES)
-def test_a_recurrent_decoder_is_trained_on_whole_trajectories(
-    name: str, output: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    network = generator(name, decoder="recurrent", residual_output=output, full_output=output)
-    monkeypatch.setattr(network, "tell", lambda *_: None)
-    assert network.piece(0, HORIZON) == HORIZON
-    optimizer = torch.optim.SGD(network.parameters(), 1.0)
-    assert isinstance(network.schedule(optimizer, 1.0, 10), torch.optim.lr_scheduler.OneCycleLR)
+@pytest.mark.parametrize("name", ["full_crps"])
+def test_the_optimiser_forgets_when_its_task_changes(name: str) -> None:
+    network = generator(name)
+    network.settings["train"]["steps"] = 10
+    assert [step for step in range(10) if network.forgets(step)] == [8]
+    optimizer = torch.optim.AdamW(network.parameters())
     batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
     network.losses(batch, 0)["loss"].backward()
-    assert isinstance(network.decode, RecurrentDecoder)
-    gradient = network.decode.driven.weight.grad
-    assert gradient is not None
-    assert bool(gradient[:, -NOISE:].any(0).all())  # lasting noise and all
+    optimizer.step()
+    for step, remembers in ((7, True), (8, False)):
+        network._trainer = SimpleNamespace(global_step=step, optimizers=[optimizer])  # type: ignore[assignment]
+        network.on_train_batch_start()
+        assert bool(optimizer.state) is remembers
 
 
 def test_the_budget_is_that_of_the_section_crps() -> None:
@@ -196,16 +203,6 @@ def test_the_budget_is_that_of_the_section_crps() -> None:
     assert found["train"] == expected
     rival = Pipeline(config).train(Cell("pusher", "low", "full_vae", 0)).settings["sections"]
     assert rival["train"] == asdict(config.train)
-
-
-def test_the_error_of_the_mean_has_no_bias() -> None:
-    """Against the closed form for normal forecasts and observations."""
-    generator = torch.Generator().manual_seed(0)
-    observed = 1.0 + 0.5 * torch.randn(400_000, 1, 1, generator=generator).double()
-    forecasts = 1.6 + 0.8 * torch.randn(400_000, 1, 2, 1, generator=generator).double()
-    of_mean = 0.6**2 + 0.5**2
-    expected = of_mean / (of_mean + 0.8**2)
-    assert float(mean_error(forecasts, observed)) == pytest.approx(expected, abs=0.005)
 
 
 @pytest.mark.parametrize("increments", [0.0, 0.5])
