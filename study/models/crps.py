@@ -37,7 +37,7 @@ _LEAST = 1e-6
 TRANSITIONS = 512
 TRAJECTORIES = 12
 # The learning rate's peak for whole trajectories, as a share of that for single transitions.
-FREE_RATE = 0.2
+FREE_RATE = 0.1
 # In the logarithmic score a transition counts by its standard deviation to this power.
 BY_WIDTH = 0.75
 # Times that the validation data are looked at in a fit.

@@ -1,4 +1,4 @@
-"""The recurrent decoder of Figure 2 (right), which the VAEs and the CRPS generators share."""
+"""The recurrent decoder of Figure 2 (right), which the VAEs share."""
 
 from typing import Any
 

@@ -16,7 +16,7 @@ LAYERS = 2
 MARGIN = 0.02
 # Of the derivative by a state, what goes on to the state before it. All of it would be dominated by
 # the few forecasts whose contacts have multiplied it many times; so credit ends after some steps.
-CREDIT = 0.9
+CREDIT = 0.8
 # Rows that are forecast at once: what drives the first layer is held for all of their steps.
 ROWS = 1024
 
@@ -67,11 +67,11 @@ class TransitionDecoder(nn.Module):
     ) -> None:
         super().__init__()
         self.size, self.lasting = len(scaling.change_scale), lasting
-        angles = torch.from_numpy(scaling.turned)[:, 2].unique()
+        angles = torch.tensor(scaling.turned)[:, 2].unique()
         self.register_buffer("angles", angles)
-        self.register_buffer("angle_mean", torch.from_numpy(scaling.state_mean)[angles])
-        self.register_buffer("angle_scale", torch.from_numpy(scaling.state_scale)[angles])
-        self.register_buffer("change_scale", torch.from_numpy(scaling.change_scale.copy()))
+        self.register_buffer("angle_mean", torch.tensor(scaling.state_mean)[angles])
+        self.register_buffer("angle_scale", torch.tensor(scaling.state_scale)[angles])
+        self.register_buffer("change_scale", torch.tensor(scaling.change_scale))
         self.register_buffer("lowest", torch.full_like(self.change_scale, -torch.inf))
         self.register_buffer("highest", torch.full_like(self.change_scale, torch.inf))
         self.seen_size = self.size + 4 * len(angles)

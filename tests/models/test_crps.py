@@ -169,7 +169,7 @@ def test_the_rate_falls_before_free_forecasts_and_at_the_end() -> None:
     assert (rates > 0).all()
     assert rates.max() == pytest.approx(1.0, abs=0.02)
     assert rates[798] < 0.01
-    assert rates[800:].max() == pytest.approx(0.2, abs=0.005)
+    assert rates[800:].max() == pytest.approx(0.1, abs=0.005)
     assert rates[-1] < 0.01
     for single in (0, 1000):
         assert all(0 < two_cycles(step, 1000, single) <= 1 for step in range(1000))
