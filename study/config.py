@@ -145,7 +145,7 @@ class Crps:
 
     Args:
         hidden_size: width of the decoder's layers.
-        steps: optimiser steps at most, in place of `train.steps`.
+        steps: of the optimiser, in place of `train.steps`.
         single: share of the steps that learns from single transitions, by the logarithmic score;
             the rest learns from whole trajectories, by the CRPS.
         batch_size: trajectories that single transitions are drawn from, in place of

@@ -100,7 +100,10 @@ def _build(kind: Any, values: dict[str, Any]) -> Any:
     known = {entry.name: entry.default for entry in fields(kind)}
     unknown = [name for name in values if name not in known]
     if unknown:
-        raise ValueError(f"unknown setting '{unknown[0]}'")
+        raise BadInput(
+            f"the study was made by another version, which had a setting '{unknown[0]}'; "
+            "make it again: python -m study.run all"
+        )
 
     def convert(name: str, value: Any) -> Any:
         default = known[name]

@@ -7,10 +7,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from study import checksums
+from study import checksums, stored
 from study.files import read_json
 from study.names import LABELS
 from study.paper import BRIER
+from study.stages.weights import load_model
 
 ROOT = Path(__file__).parent.parent
 PAPER = ROOT / "results" / "paper"
@@ -79,6 +80,15 @@ def test_the_count_of_claims() -> None:
     verdicts = [c["verdict"] for c in read_json(PAPER / "claims.json") if c["section"] != "ours"]
     counts = [verdicts.count(v) for v in ("reproduced", "partly", "not reproduced")]
     assert list(map(int, told.groups())) == [len(verdicts), *counts]
+
+
+def test_what_is_shipped_can_be_used() -> None:
+    """Its settings are known, and every model that is there can be loaded."""
+    study = stored.read(PAPER)
+    shipped = [cell for cell in study.complete if study.ships(cell)]
+    assert shipped
+    for cell in shipped:
+        assert load_model(study.weights(cell)).state_size in (12, 17)
 
 
 def test_what_is_shipped_is_as_it_was_written_and_small() -> None:

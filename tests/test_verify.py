@@ -176,12 +176,20 @@ def test_one_line_about_what_cannot_be(
     assert done.err.count("\n") == 1
 
 
-@pytest.mark.parametrize("text", ["{", "{}", '{"format": 1, "settings": {"nam": "x"}}'])
+@pytest.mark.parametrize("text", ["{", "{}", '{"format": 1, "settings": 7}'])
 def test_a_damaged_study(harmed: Path, text: str) -> None:
     (harmed / "study.json").write_text(text)
     done = study("verify", harmed)
     assert done.code == 1
     assert f"{harmed / 'study.json'} is damaged" in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_study_with_a_setting_that_is_gone(harmed: Path) -> None:
+    (harmed / "study.json").write_text('{"format": 1, "settings": {"nam": "x"}}')
+    done = study("verify", harmed)
+    assert done.code == 2
+    assert "made by another version, which had a setting 'nam'; make it again" in done.err
     assert done.err.count("\n") == 1
 
 

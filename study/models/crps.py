@@ -2,12 +2,14 @@
 
 A strictly proper score is least, on average, for the true distribution. So it can be minimised
 directly (Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). Two
-are used here. A single step's distribution F is known, and has the logarithmic score
+are used here. Of a single step the distribution F of each number is known, and has the logarithmic
+score
 
     LS(F, y) = −log p_F(y)
 
 From the distribution of whole trajectories one can only draw. m forecasts of each, freely, are
-scored against what happened: with x forecast and y observed,
+scored against what happened, which is also where it is learned how numbers go together: with x
+forecast and y observed,
 
     CRPS(F, y) = E|x − y| − ½ E|x − x'|            of each number
     ES(F, y)   = E‖x − y‖ − ½ E‖x − x'‖            of vectors: the joint state
@@ -96,9 +98,10 @@ class CrpsGenerator(OnBaseline):
 
     @classmethod
     def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
-        """See `Model.budget`: that of the section `crps`. It is looked at ten times, to its end.
+        """See `Model.budget`: that of the section `crps`. A tenth of it lies between two looks.
 
-        Early looks say little: a network that knows single transitions may forecast badly.
+        It goes to its end, since early looks say little: a network that knows single transitions
+        may forecast badly.
         """
         own = {name: settings["crps"][name] for name in ("steps", "batch_size", "learning_rate")}
         looks = {"validate_every": max(1, own["steps"] // LOOKS), "patience": own["steps"]}
@@ -141,8 +144,9 @@ class CrpsGenerator(OnBaseline):
     ) -> dict[str, Tensor]:
         """The logarithmic score of single transitions, and the error of their mean.
 
-        Steps of the horizon at which states change much are drawn more often: a start from rest
-        comes once in a trajectory. The lasting noise is zero: in a single step all noise is alike.
+        Steps of the horizon at which states change much, in units of how the change varies, are
+        drawn more often: a start from rest comes once in a trajectory. The lasting noise is left
+        out: in a single step all noise is alike.
 
         Args:
             states: [B, T+1, D].
@@ -215,8 +219,8 @@ def logarithmic_score(error: Tensor, variance: Tensor) -> Tensor:
         E_d E[w (½ e² / σ² + log σ)],   w = σ^0.75 / E σ^0.75 without a derivative
 
     The weights (Seitzer et al., ICLR 2022) let transitions whose error is large, and was first
-    taken for noise, be learned all the same. Beside them stands the logarithm of the mean's squared
-    error (`likelihood.negative_log_likelihood`), which sees no noise at all.
+    taken for noise, be learned all the same. So does the logarithm of the mean's squared error,
+    beside which this stands: to it nothing is noise.
 
     Args:
         error: [B, D].

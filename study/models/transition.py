@@ -118,10 +118,10 @@ class TransitionDecoder(nn.Module):
     def transition(
         self, state: Tensor, drift: Tensor, condition: Tensor, start: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """The normal distribution of c_t: its mean, and a factor.
+        """The normal distribution of c_t without lasting noise: its mean, and a factor.
 
-        Without lasting noise, and with s_0 in l alone: u and v would take it for the trajectory's
-        name, and learn the trajectories by heart.
+        s_0 is in l alone: u and v would take it for the trajectory's name, and learn the
+        trajectories by heart.
 
         Args:
             state: ŝ_t [B, D].
@@ -130,7 +130,7 @@ class TransitionDecoder(nn.Module):
             start: s_0 of the trajectory [B, D].
 
         Returns:
-            mean [B, D] and F [B, Z, D]: c_t = mean + z_t F, so its covariance is Fᵀ F.
+            mean [B, D] and G [B, Z − lasting, D]: c_t = mean + z_t G, with covariance Gᵀ G.
         """
         entering = torch.cat([self._seen(state), drift / self.change_scale, condition], -1)
         known = entering.shape[-1]

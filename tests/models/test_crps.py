@@ -12,7 +12,13 @@ from scipy.stats import norm
 
 from study.config import Config, Crps
 from study.grid import Cell
-from study.models.crps import CrpsGenerator, fair_score, logarithmic_score, two_cycles
+from study.models.crps import (
+    TRAJECTORIES,
+    CrpsGenerator,
+    fair_score,
+    logarithmic_score,
+    two_cycles,
+)
 from study.pipeline import Pipeline
 from tests.models.common import ACTION, HORIZON, STATE, model
 
@@ -79,12 +85,10 @@ def test_the_lasting_noise_lasts(name: str) -> None:
         assert changed(3, component) == ([False] * HORIZON if lasts else later)
 
 
+@pytest.mark.parametrize("single", [0.0, 1.0])
 @pytest.mark.parametrize("name", NAMES)
-def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    network = generator(name)
-    monkeypatch.setattr(network, "tell", lambda *_: None)
+def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(name: str, single: float) -> None:
+    network = generator(name, single=single)
     before = {k: v.clone() for k, v in network.state_dict().items() if k.startswith("ensemble")}
     torch.manual_seed(0)
     batch = {"states": torch.randn(8, HORIZON + 1, STATE), "actions": torch.randn(8, HORIZON, 2)}
@@ -118,6 +122,90 @@ def test_single_transitions_teach_nothing_of_the_lasting_noise(name: str) -> Non
         assert bool(decode.linear.weight.grad[:, -STATE:].any())
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_transition_is_scored_as_it_is_forecast(name: str) -> None:
+    """Of trajectories that the network itself forecasts without noise, the mean has no error."""
+    network = generator(name)
+    torch.nn.init.normal_(network.decode.linear.weight, std=0.1)
+    network.decode.out.weight.data.mul_(0.1)  # so that forecasts stay small
+    s0, actions = torch.randn(8, STATE), torch.randn(8, HORIZON, ACTION)
+    members = torch.randn(8, 1, HORIZON, STATE).expand(-1, network.members_count(), -1, -1)
+    none = torch.zeros(8, 1, HORIZON, NOISE), torch.zeros(8, 1, dtype=torch.int64)
+    with torch.no_grad():
+        baselines = network.baselines(s0, actions, members)
+        forecasts = network._generate(s0, actions, *none, baselines)[:, 0]
+    states = torch.cat([s0[:, None], forecasts], 1)
+    batch = {"states": states, "actions": actions, "members": members}
+    told = {key: float(value.detach()) for key, value in network.losses(batch, 0).items()}
+    assert told["loss/mean"] < np.log(1e-8)
+    assert told["loss"] == pytest.approx(told["loss/transitions"] + told["loss/mean"])
+
+
+@pytest.mark.parametrize("single", [0.0, 1.0])
+def test_every_member_serves(single: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    network = generator("residual_crps", single=single)
+    members = torch.arange(1.0, 1 + network.members_count())[None, :, None, None]
+    members = members.expand(8, -1, HORIZON, STATE)
+    beside, seen = network.beside, set()
+
+    def watched(baseline: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        seen.update(baseline[:, 1:].flatten().tolist())
+        return beside(baseline, actions)
+
+    monkeypatch.setattr(network, "beside", watched)
+    states, actions = torch.randn(8, HORIZON + 1, STATE), torch.randn(8, HORIZON, ACTION)
+    network.losses({"states": states, "actions": actions, "members": members}, 0)
+    assert seen == {1.0, 2.0, 3.0}
+
+
+def test_so_many_whole_trajectories_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    network = generator("full_crps", single=0.0)
+    generate, rows = network._generate, []
+
+    def watched(s0: torch.Tensor, *rest: torch.Tensor) -> torch.Tensor:
+        rows.append(len(s0))
+        return generate(s0, *rest)
+
+    monkeypatch.setattr(network, "_generate", watched)
+    for count in (TRAJECTORIES + 3, TRAJECTORIES - 3):
+        states, actions = (
+            torch.randn(count, HORIZON + 1, STATE),
+            torch.randn(count, HORIZON, ACTION),
+        )
+        network.losses({"states": states, "actions": actions}, 0)
+    assert rows == [TRAJECTORIES, TRAJECTORIES - 3]
+
+
+def test_energy_and_increments_count_by_their_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("study.models.crps.LAG", 2)
+    states, actions = torch.randn(8, HORIZON + 1, STATE), torch.randn(8, HORIZON, ACTION)
+    forecasts = torch.randn(8, 2, HORIZON, STATE)
+
+    def loss(**weights: float) -> float:
+        network = generator("full_crps", single=0.0, **weights)
+        monkeypatch.setattr(network, "_generate", lambda *_: forecasts)
+        return float(network.losses({"states": states, "actions": actions}, 0)["loss"])
+
+    x, y = forecasts.movedim(1, 2), states[:, 1:]
+    each = fair_score(x.movedim(-1, -2)[..., None], y[..., None]).mean((0, 1))
+    x, y = x / each, y / each
+    plain, joint = each.log().mean(), fair_score(x, y).mean().log()
+    moved = fair_score(x[:, 2:] - x[:, :-2], y[:, 2:] - y[:, :-2]).mean().log()
+    assert loss(energy=0.0) == pytest.approx(float(plain), abs=1e-5)
+    assert loss(energy=0.7) == pytest.approx(float(plain + 0.7 * joint), abs=1e-5)
+    both = float(plain + 0.2 * moved)
+    assert loss(energy=0.0, increments=0.2) == pytest.approx(both, abs=1e-5)
+
+
+def test_wide_transitions_count_more_in_the_logarithmic_score() -> None:
+    """By their standard deviation to the power 3/4."""
+    error, deviation = torch.tensor([[1.0], [3.0]]), torch.tensor([[0.5], [8.0]])
+    weight = (deviation / deviation.mean()) ** 0.75
+    each = 0.5 * (error / deviation) ** 2 + deviation.log()
+    expected = float((weight * each).sum() / weight.sum())
+    assert float(logarithmic_score(error, deviation.square())) == pytest.approx(expected)
+
+
 def test_the_logarithmic_score_of_equal_widths_is_that_of_scipy() -> None:
     draws = np.random.default_rng(0)
     error = draws.normal(size=(50, 3))
@@ -146,7 +234,7 @@ def test_the_logarithmic_score_is_least_at_the_true_width() -> None:
 def test_lively_steps_are_drawn_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
     network = generator("full_crps")
     states = torch.zeros(500, HORIZON + 1, STATE)
-    # At one step of the horizon everything changes three times as much as usual, else nothing.
+    # At one step of the horizon everything changes by three usual deviations, else nothing does.
     states[:, 3:] = 3.0 * network.change_scale
     transition, drawn = network.decode.transition, []
 
@@ -175,9 +263,8 @@ def test_the_rate_falls_before_free_forecasts_and_at_the_end() -> None:
         assert all(0 < two_cycles(step, 1000, single) <= 1 for step in range(1000))
 
 
-@pytest.mark.parametrize("name", ["full_crps"])
-def test_the_optimiser_forgets_when_its_task_changes(name: str) -> None:
-    network = generator(name)
+def test_the_optimiser_forgets_when_its_task_changes() -> None:
+    network = generator("full_crps")
     network.settings["train"]["steps"] = 10
     assert [step for step in range(10) if network.forgets(step)] == [8]
     optimizer = torch.optim.AdamW(network.parameters())
@@ -210,7 +297,6 @@ def test_the_loss_is_relative(increments: float, monkeypatch: pytest.MonkeyPatch
     """Every number counts by its own uncertainty: units change the loss by a constant."""
     network = generator("full_crps")
     network.settings["crps"]["increments"] = increments
-    monkeypatch.setattr(network, "tell", lambda *_: None)
     monkeypatch.setattr("study.models.crps.LAG", 2)
     torch.manual_seed(0)
     states, actions = torch.randn(8, HORIZON + 1, STATE), torch.randn(8, HORIZON, ACTION)

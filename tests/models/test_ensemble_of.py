@@ -260,6 +260,8 @@ def test_members_are_fitted_as_one_of_their_class_would_be() -> None:
     made = GeneratorEnsemble(Scaling.of(trajectories()), sections | {"train": budget})
     optimizer = torch.optim.SGD(made.parameters(), 1.0)
     assert isinstance(made.schedule(optimizer, 1.0, 10), torch.optim.lr_scheduler.LambdaLR)
+    assert made.forgets(made.each()[0].first_free())
+    assert not made.forgets(0)
     made.see(torch.rand(5, HORIZON + 1, STATE))
     for member in made.each():
         assert bool(member.decode.lowest.isfinite().all())
