@@ -29,6 +29,7 @@ from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 from study.data.scaling import Scaling
 from study.models.baseline import OnBaseline
 from study.models.forecaster import each_sample
+from study.models.likelihood import logarithmic_score
 from study.models.transition import TransitionDecoder
 
 # Steps between two states whose difference is scored as an increment.
@@ -40,8 +41,6 @@ TRANSITIONS = 512
 TRAJECTORIES = 12
 # The learning rate's peak for whole trajectories, as a share of that for single transitions.
 FREE_RATE = 0.1
-# In the logarithmic score a transition counts by its standard deviation to this power.
-BY_WIDTH = 0.75
 # Times that the validation data are looked at in a fit.
 LOOKS = 10
 
@@ -129,15 +128,13 @@ class CrpsGenerator(OnBaseline):
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """See `Model.losses`."""
+        free = step >= self.first_free()
+        if free:
+            batch = {name: values[:TRAJECTORIES] for name, values in batch.items()}
         states, actions = batch["states"], batch["actions"]
-        members = batch.get("members")
-        if step < self.first_free():
-            baselines = self.baselines(states[:, 0], actions, members)
-            return self.transition_losses(states, actions, baselines)
-        states, actions = states[:TRAJECTORIES], actions[:TRAJECTORIES]
-        members = None if members is None else members[:TRAJECTORIES]
-        baselines = self.baselines(states[:, 0], actions, members)
-        return self.trajectory_losses(states, actions, baselines)
+        baselines = self.baselines(states[:, 0], actions, batch.get("members"))
+        losses = self.trajectory_losses if free else self.transition_losses
+        return losses(states, actions, baselines)
 
     def transition_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor
@@ -213,25 +210,6 @@ class CrpsGenerator(OnBaseline):
         return forecasts.unflatten(0, (-1, samples))
 
 
-def logarithmic_score(error: Tensor, variance: Tensor) -> Tensor:
-    """−log N(error; 0, variance) of each dimension, weighted, averaged over all.
-
-        E_d E[w (½ e² / σ² + log σ)],   w = σ^0.75 / E σ^0.75 without a derivative
-
-    The weights (Seitzer et al., ICLR 2022) let transitions whose error is large, and was first
-    taken for noise, be learned all the same. So does the logarithm of the mean's squared error,
-    beside which this stands: to it nothing is noise.
-
-    Args:
-        error: [B, D].
-        variance: σ² [B, D].
-    """
-    deviation = variance.sqrt()
-    weight = deviation.detach() ** BY_WIDTH
-    weight = weight / weight.mean(0)
-    return (weight * (0.5 * error.square() / variance + deviation.log())).mean()
-
-
 def two_cycles(step: int, steps: int, single: int) -> float:
     """The learning rate as a share of its peak: twice it rises briefly and falls by a cosine.
 
@@ -240,8 +218,8 @@ def two_cycles(step: int, steps: int, single: int) -> float:
         steps: of all training.
         single: so many of them are for single transitions.
     """
-    peak, done, of = (
-        (1.0, step, single) if step < single else (FREE_RATE, step - single, steps - single)
-    )
-    share = (done + 1) / (of + 1)
+    if step < single:
+        peak, share = 1.0, (step + 1) / (single + 1)
+    else:
+        peak, share = FREE_RATE, (step - single + 1) / (steps - single + 1)
     return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)

@@ -145,10 +145,10 @@ class TransitionDecoder(nn.Module):
 
     def _forecast(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
         # In units of the state, and with the state itself: what l gives is ŝ_t + scale · l + drift.
-        scale, kept = self.change_scale, torch.eye(self.size, device=s0.device)
+        scale, kept = self.change_scale, torch.eye(self.seen_size, self.size, device=s0.device)
         weight = torch.cat([self.linear.weight * scale[:, None], self.first.weight]).T
         feed, drive = weight.tensor_split([self.seen_size])
-        feed = feed + pad(kept, (0, feed.shape[1] - self.size, 0, self.seen_size - self.size))
+        feed = feed + pad(kept, (0, feed.shape[1] - self.size))
         drift = baseline[:, 1:] - baseline[:, :-1]
         lasts, drawn = noise.tensor_split([self.lasting], dim=-1)
         stays = s0[:, None].expand(-1, drift.shape[1], -1)

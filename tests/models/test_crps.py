@@ -12,13 +12,8 @@ from scipy.stats import norm
 
 from study.config import Config, Crps
 from study.grid import Cell
-from study.models.crps import (
-    TRAJECTORIES,
-    CrpsGenerator,
-    fair_score,
-    logarithmic_score,
-    two_cycles,
-)
+from study.models.crps import TRAJECTORIES, CrpsGenerator, fair_score, two_cycles
+from study.models.likelihood import logarithmic_score
 from study.pipeline import Pipeline
 from tests.models.common import ACTION, HORIZON, STATE, model
 
