@@ -14,9 +14,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from paper_figs import style
 from paper_figs.results import command, environments, read_scores
-from study.names import label
+from study.config.names import label
+from study.plotting import style
 
 BINS = 10
 MIDDLE, ENDS = "#56B4E9", "#BBBBBB"

@@ -14,10 +14,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from paper_figs import style
 from paper_figs.results import command, environments, levels, models
-from study.errors import BadInput
-from study.names import label
+from study.common.errors import BadInput
+from study.config.names import label
+from study.plotting import style
 
 
 def draw(results: Path) -> list[Path]:

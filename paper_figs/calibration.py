@@ -20,10 +20,10 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
-from study.metrics.table import select
-from study.names import ORACLE, label
+from study.config.names import ORACLE, label
+from study.metrics.tables.table import select
+from study.plotting import style
 
 INTERVALS = (50, 80, 90)
 

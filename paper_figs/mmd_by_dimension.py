@@ -18,11 +18,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from paper_figs import style
-from paper_figs.mmd_curves import TICKS
+from paper_figs.fig3_mmd import TICKS
 from paper_figs.results import command, environments, levels, models, read_scores
-from study.metrics.table import select
-from study.names import ORACLE, label
+from study.config.names import ORACLE, label
+from study.metrics.tables.table import select
+from study.plotting import style
 
 COLOURS = "viridis"
 """Rises evenly to any colour vision, and in grey."""

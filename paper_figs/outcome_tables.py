@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, forecasters, levels, read_scores
 from paper_figs.text import beyond, latex, number, title
+from study.config.names import ORACLE, label
 from study.metrics.brier import skill
 from study.metrics.intervals import Interval, interval
-from study.metrics.table import LEVELLESS
-from study.names import ORACLE, label
+from study.metrics.tables.table import LEVELLESS
 
 Doubles = NDArray[np.float64]
 

@@ -23,11 +23,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
+from study.config.names import ENSEMBLE, ORACLE, label
 from study.metrics.reliability import BINS, group_of, reliability_curve
-from study.metrics.table import select
-from study.names import ENSEMBLE, ORACLE, label
+from study.metrics.tables.table import select
+from study.plotting import style
 
 Doubles = NDArray[np.float64]
 

@@ -8,17 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from study.errors import BadInput, StudyError
-from study.metrics.table import CELL, COLUMNS
-from study.names import (
-    BEYOND,
-    ENSEMBLE,
-    ENVIRONMENTS,
-    LEVELS,
-    MODELS,
-    ORACLE,
-)
-from study.paper import BRIER
+from study.claims.paper import BRIER
+from study.common.errors import BadInput, StudyError
+from study.config.names import BEYOND, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
+from study.metrics.tables.table import CELL, COLUMNS
 
 
 def read_scores(results: Path) -> pd.DataFrame:

@@ -16,9 +16,9 @@ import pandas as pd
 
 from paper_figs.results import command, environments, forecasters, levels, read_scores
 from paper_figs.text import beyond, latex, number, title
+from study.config.names import ORACLE, label
 from study.metrics.intervals import Interval, interval
-from study.metrics.table import select
-from study.names import ORACLE, label
+from study.metrics.tables.table import select
 
 
 @dataclass(frozen=True)

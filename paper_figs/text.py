@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from study.names import BEYOND, label
+from study.config.names import BEYOND, label
 
 NOTHING = "—"
 

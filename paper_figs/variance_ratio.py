@@ -22,10 +22,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from paper_figs import style
 from paper_figs.results import command, environments, levels, models, read_scores
-from study.metrics.table import select
-from study.names import ORACLE, label
+from study.config.names import ORACLE, label
+from study.metrics.tables.table import select
+from study.plotting import style
 
 ALEATORIC, TOTAL = "aleatoric_ratio", "variance_ratio"
 

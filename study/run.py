@@ -8,18 +8,19 @@ from pathlib import Path
 
 from rich.console import Console
 
-from study import compiler, stored
-from study.arguments import Command, parse
-from study.artifacts import Store, Task
-from study.display import Display
-from study.engine import executor, quiet_rerun, workers
-from study.errors import BadInput, StudyError
-from study.folders import check_writable, make
-from study.grid import cells, select
-from study.lock import locked
-from study.opening import check_cell, known_cells, recording_of
-from study.planned import line_up, record_tasks, remember
-from study.scheduler import run_tasks
+from study.commands.display import Display
+from study.commands.parser import Command, parse
+from study.commands.view import check_cell, known_cells, recording_of
+from study.common.errors import BadInput, StudyError
+from study.config.grid import cells, select
+from study.models.gru import compiler
+from study.results import folder
+from study.results.writable import check_writable, make
+from study.workflow.engine import executor, quiet_rerun, workers
+from study.workflow.lock import locked
+from study.workflow.scheduler import run_tasks
+from study.workflow.store import Store, Task
+from study.workflow.task_cache import line_up, record_tasks, remember
 
 # torch, lightning and mujoco take seconds to import: only the commands that need them do.
 
@@ -63,7 +64,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_all(command: Command) -> int:
     """Run what is not up to date, then publish."""
-    from study import checksums, report, summary
+    from study.commands import status
+    from study.results import checksums, publish
 
     config, console, store = command.config, _console(), _store(command)
     chosen = select(cells(config), command.only)
@@ -79,16 +81,16 @@ def run_all(command: Command) -> int:
             if why.startswith("damaged"):
                 _say(console, f"{task.name}: {why}; it is made again")
         errors = _run_due(command, list(due), store, console) if due else {}
-        changed = report.publish(config, records, store, command.out)
+        changed = publish.publish(config, records, store, command.out)
         if due or changed or checksums.problems(command.out):
-            summary.write_timings(line_up(records.values()), store, config, command.out)
+            status.write_timings(line_up(records.values()), store, config, command.out)
             checksums.write(command.out)
             changed = True
         if not due and not changed:
             _say(console, f"{command.out}: everything is up to date, nothing to run")
         elif not due:
             _say(console, f"{command.out}: no stage to run, results written again")
-        summary.print_table(console, config, records, store, errors, command.out)
+        status.print_table(console, config, records, store, errors, command.out)
     return 1 if errors else 0
 
 
@@ -110,7 +112,7 @@ def _run_due(command: Command, due: list[Task], store: Store, console: Console) 
 
 def show_plan(command: Command) -> int:
     """What `all` would run, and why."""
-    from study import report
+    from study.results import publish
 
     console, store = _console(), _store(command)
     check_writable(command.out)
@@ -121,7 +123,7 @@ def show_plan(command: Command) -> int:
     for task, why in states.items():
         _say(console, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]
-    unpublished = report.why_not_published(command.config, records, store, command.out, due)
+    unpublished = publish.why_not_published(command.config, records, store, command.out, due)
     publishing = f"results: {unpublished or 'up to date'}"
     _say(console, f"{len(due)} of {len(tasks)} stages to run; {publishing}")
     return 0
@@ -129,7 +131,7 @@ def show_plan(command: Command) -> int:
 
 def show_status(command: Command) -> int:
     """What is done, running and failed, and what it took."""
-    from study import summary
+    from study.commands import status
 
     if not command.out.is_dir():
         raise BadInput(f"--out: there is no study in {command.out}; python -m study.run all")
@@ -137,16 +139,16 @@ def show_status(command: Command) -> int:
     chosen = select(cells(command.config), command.only)
     records = record_tasks(command.config, store)
     tasks = line_up(records[cell] for cell in chosen)
-    side_by_side = None if command.only else summary.last_workers(command.config, command.out)
-    summary.print_status(_console(), tasks, store, command.out, side_by_side)
+    side_by_side = None if command.only else status.last_workers(command.config, command.out)
+    status.print_status(_console(), tasks, store, command.out, side_by_side)
     return 0
 
 
 def draw_figures(command: Command) -> int:
     """Tables and figures again, from the results alone."""
-    from study import report
+    from study.results import publish
 
-    for path in report.draw(command.out):
+    for path in publish.draw(command.out):
         print(path)
     return 0
 
@@ -171,7 +173,7 @@ def view(command: Command) -> int:
 
 def compare(command: Command) -> int:
     """Cells side by side."""
-    from study import compare
+    from study.commands import compare
 
     known = [cell.name for cell in known_cells(command)]
     for name in command.cells:
@@ -184,9 +186,9 @@ def compare(command: Command) -> int:
 
 def portrait(command: Command) -> int:
     """Write a page about the environments."""
-    from study.display import Bar
+    from study.commands.display import Bar
     from study.envs import simulators
-    from study.portrait.readme import write
+    from study.envs.card.readme import write
 
     names = [command.environment] if command.environment else list(command.config.grid.environments)
     for name in names:
@@ -200,8 +202,8 @@ def portrait(command: Command) -> int:
 
 def export(command: Command) -> int:
     """Write an environment's training trajectories as a Minari data set."""
-    from study.display import Bar
-    from study.export import prepare
+    from study.commands.display import Bar
+    from study.data.minari import prepare
 
     planned = prepare(
         command.config, str(command.environment), Path(command.to) if command.to else None
@@ -218,9 +220,16 @@ def export(command: Command) -> int:
 def forecast(command: Command) -> int:
     """Forecast one scenario, or a plan, with the weights that the study ships."""
     quiet_rerun()
-    from study.display import Bar
-    from study.forecast import Question, answer, print_answer, read_scenario, save, simulator_of
-    from study.plans import write_plan
+    from study.commands.display import Bar
+    from study.commands.forecast import (
+        Question,
+        answer,
+        print_answer,
+        read_scenario,
+        save,
+        simulator_of,
+    )
+    from study.data.plan_files import write_plan
     from study.recording.viewer import open_viewer
 
     if command.scenario is None and command.file is None:
@@ -229,7 +238,7 @@ def forecast(command: Command) -> int:
         raise BadInput(f"--samples: got {command.samples}; it must be at least 2")
     if command.save is not None and not command.save.endswith(".rrd"):
         raise BadInput(f"--save: got '{command.save}'; a recording is a .rrd file")
-    study = stored.read(command.out)
+    study = folder.read(command.out)
     cell = study.cell(str(command.cell), "--cell")
     question = Question(
         study,
@@ -256,10 +265,10 @@ def forecast(command: Command) -> int:
 
 def verify(command: Command) -> int:
     """Check a study's results: one line a check."""
-    from study.display import Bar
-    from study.verify import verify
+    from study.commands.display import Bar
+    from study.results.verify import verify
 
-    study = stored.read(command.out)
+    study = folder.read(command.out)
     cell = None if command.rerun is None else study.cell(command.rerun, "--rerun")
     console, all_well = _console(), True
     with Bar(console) as bar:
@@ -271,7 +280,7 @@ def verify(command: Command) -> int:
 
 def join(command: Command) -> int:
     """Write one study of the seeds of several."""
-    from study.join import join
+    from study.results.join import join
 
     join([Path(folder) for folder in command.folders], command.out)
     print(command.out)
@@ -280,11 +289,11 @@ def join(command: Command) -> int:
 
 def ablate(command: Command) -> int:
     """Fit what the list of changes asks for, and write the table."""
-    from study import ablations
+    from study.commands import ablate
 
     console, store = _console(), _store(command)
     check_writable(command.out)
-    planned = ablations.plan(command.variants, command.only)
+    planned = ablate.plan(command.variants, command.only)
     make(command.out)
     with locked(command.out):
         tasks = line_up(task for of_cells in planned.values() for task in of_cells.values())
@@ -293,7 +302,7 @@ def ablate(command: Command) -> int:
         errors = _run_due(command, due, store, console) if due else {}
         for task, error in errors.items():
             _say(console, f"{task.name}: {error}")
-        _say(console, str(ablations.write(command.out, command.config, planned, store)))
+        _say(console, str(ablate.write(command.out, command.config, planned, store)))
     return 1 if errors else 0
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.running import SMALL, SMOKE, Done, run, study
+from tests.helpers.running import SMALL, SMOKE, Done, run, study
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from study.errors import StudyError
+from study.common.errors import StudyError
 
 Arrays = dict[str, NDArray[Any]]
 HEADER = "study"

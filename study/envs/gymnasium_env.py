@@ -12,9 +12,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from study.envs.rendering import drawing
+from study.envs.rendering.offscreen import renderer
 from study.envs.simulator import Doubles, Episode, Floats, Scenarios, bounds, simulators
-from study.rendering import drawing
-from study.rendering.offscreen import renderer
 
 WIDTH, HEIGHT = 640, 480
 

@@ -7,6 +7,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from study.common.seeds import Seeds
 from study.envs.noise import Noise
 from study.envs.pusher_policy import LINK, Habits, arm_end, torques
 from study.envs.registration import register
@@ -22,7 +23,6 @@ from study.envs.simulator import (
     bounds,
 )
 from study.envs.swarm import swarm
-from study.seeds import Seeds
 
 MODEL = Path(__file__).with_name("pusher.xml")
 SWARM = 8

@@ -27,8 +27,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from study.registry import Registry
-from study.seeds import Seeds
+from study.common.registry import Registry
+from study.common.seeds import Seeds
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Simulator(ABC):
     """Names of the state variables that a picture should show over time; none: it chooses."""
     turned: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Pairs of state variables that are components along axes turned by an angle, and that angle:
-    models work on them in axes that stand still (`study.data.axes`)."""
+    models work on them in axes that stand still (`study.data.frames`)."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""

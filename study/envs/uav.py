@@ -5,6 +5,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from study.common.seeds import Seeds
 from study.envs.noise import Noise
 from study.envs.registration import register
 from study.envs.simulator import (
@@ -21,7 +22,6 @@ from study.envs.simulator import (
 from study.envs.uav_flight import ANGLES, BATTERY, POSITION, Flight
 from study.envs.uav_physics import MAX_PAYLOAD, MEAN_PAYLOAD, MODEL, quaternion
 from study.envs.uav_pilot import HABITS, Pilot
-from study.seeds import Seeds
 
 SAFE_HEIGHT, RESERVE = 15.0, 30.0
 """m and %: what two of the outcomes ask for."""

@@ -3,9 +3,10 @@
 import importlib
 import pkgutil
 
-from study.models.forecaster import Forecaster, Model, models
+from study.models.base import Forecaster, Model, models
 
 __all__ = ["Forecaster", "Model", "models"]
 
 for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+    if not _module.ispkg:
+        importlib.import_module(f"{__name__}.{_module.name}")

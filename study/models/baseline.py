@@ -5,8 +5,8 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from study.models.ensemble import Ensemble
-from study.models.forecaster import Model, each_sample
+from study.models.base import Model, each_sample
+from study.models.rnn_ensemble import Ensemble
 
 
 class OnBaseline(Model):

@@ -26,11 +26,11 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
-from study.data.scaling import Scaling
+from study.data.normalization import Scaling
+from study.models.base import each_sample
 from study.models.baseline import OnBaseline
-from study.models.forecaster import each_sample
-from study.models.likelihood import logarithmic_score
-from study.models.transition import TransitionDecoder
+from study.models.networks.likelihood import logarithmic_score
+from study.models.networks.transition import TransitionDecoder
 
 # Steps between two states whose difference is scored as an increment.
 LAG = 5

@@ -1,7 +1,7 @@
 """The full VAE: the recurrent CVAE on the state itself (section III-C; Acharya et al. 2022)."""
 
+from study.models.base import models
 from study.models.baseline import OnNothing
-from study.models.forecaster import models
 from study.models.vae import Vae
 
 

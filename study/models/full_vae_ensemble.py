@@ -7,10 +7,10 @@ the state, p_m(s_{1:T} | s_0; a_{0:T-1}), and the members' disagreement is the e
 
 from typing import Any
 
-from study.data.scaling import Scaling
-from study.models.ensemble_of import EnsembleOf
-from study.models.forecaster import models
+from study.data.normalization import Scaling
+from study.models.base import models
 from study.models.full_vae import FullVae
+from study.models.model_ensemble import EnsembleOf
 
 
 @models.register("full_vae_ensemble")

@@ -13,9 +13,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.scaling import Scaling
-from study.models.ensemble_of import EnsembleOf
-from study.models.forecaster import each_sample, models
+from study.data.normalization import Scaling
+from study.models.base import each_sample, models
+from study.models.model_ensemble import EnsembleOf
 from study.models.probabilistic_mlp import ProbabilisticMlp
 
 

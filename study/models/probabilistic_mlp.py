@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from study.data.scaling import Scaling
-from study.models.forecaster import Model, each_sample, models
-from study.models.likelihood import by_width
+from study.data.normalization import Scaling
+from study.models.base import Model, each_sample, models
+from study.models.networks.likelihood import by_width
 
 
 @models.register("probabilistic_mlp")

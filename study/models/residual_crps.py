@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from study.data.scaling import Scaling
+from study.data.normalization import Scaling
+from study.models.base import models
 from study.models.baseline import OnMembers
 from study.models.crps import CrpsGenerator
-from study.models.ensemble import Ensemble
-from study.models.forecaster import models
+from study.models.rnn_ensemble import Ensemble
 
 
 @models.register("residual_crps")

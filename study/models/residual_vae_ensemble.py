@@ -5,11 +5,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.scaling import Scaling
-from study.models.ensemble import Ensemble
-from study.models.ensemble_of import EnsembleOf, Rows
-from study.models.forecaster import models
+from study.data.normalization import Scaling
+from study.models.base import models
+from study.models.model_ensemble import EnsembleOf, Rows
 from study.models.residual_vae import ResidualVae
+from study.models.rnn_ensemble import Ensemble
 
 
 @models.register("residual_vae_ensemble")

@@ -5,10 +5,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.scaling import Scaling
+from study.data.normalization import Scaling
+from study.models.base import each_sample
 from study.models.baseline import OnBaseline
-from study.models.cvae import RecurrentCvae
-from study.models.forecaster import each_sample
+from study.models.networks.cvae import RecurrentCvae
 
 # With feeding `schedule`, this share of the steps is taught with the true states.
 TAUGHT = 0.3

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from study.recording.palette import FORECAST, OBSERVED, faint
+from study.plotting.palette import FORECAST, OBSERVED, faint
 from study.recording.streams import finite, send_scalars, style_lines
 
 if TYPE_CHECKING:

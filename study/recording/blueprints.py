@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from study.names import label
+from study.config.names import label
 from study.recording import charts
 from study.recording.properties import README
 from study.recording.spread import TITLE as SPREAD

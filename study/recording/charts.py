@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from study.recording.palette import FRAME, faint
+from study.plotting.palette import FRAME, faint
 
 WIDTH = 1.6
 # What a view shows around the box, to have room for the labels.

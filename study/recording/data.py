@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from study.data.trajectories import Trajectories
+from study.plotting.palette import NOW, OBSERVED, TARGET, faint
 from study.recording import bands, blueprints, fans, scenes
-from study.recording.palette import NOW, OBSERVED, TARGET, faint
 from study.recording.properties import Properties, table, write_markdown, write_readme
 from study.recording.streams import (
     entity_path,

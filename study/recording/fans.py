@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from study.recording.palette import FORECAST, OBSERVED, RUN, TARGET, Colour, series
+from study.plotting.palette import FORECAST, OBSERVED, RUN, TARGET, Colour, series
 from study.recording.streams import time_column
 
 if TYPE_CHECKING:

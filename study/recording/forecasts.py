@@ -10,8 +10,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from study.plotting.palette import FORECAST, OBSERVED
 from study.recording import bands, blueprints, fans, scenes, spread
-from study.recording.palette import FORECAST, OBSERVED
 from study.recording.properties import Properties, write_markdown, write_readme
 from study.recording.streams import entity_path, recording, send_scalars, style_lines
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 from rerun.chunk import RrdReader
 
-from study.errors import StudyError, nearest
+from study.common.errors import StudyError, nearest
 from study.recording.properties import GROUP
 
 _SCALARS = "Scalars:scalars"

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
+from study.plotting.palette import FORECAST, REFERENCE, faint, series
 from study.recording import blueprints
 from study.recording.charts import WIDTH, Axis, Chart
-from study.recording.palette import FORECAST, REFERENCE, faint, series
 from study.recording.properties import Properties, table, write_readme
 from study.recording.streams import entity_path, finite, recording, send_scalars, style_lines
 

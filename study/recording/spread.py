@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from study.recording.palette import ALEATORIC, EPISTEMIC, FORECAST, OBSERVED
+from study.plotting.palette import ALEATORIC, EPISTEMIC, FORECAST, OBSERVED
 from study.recording.streams import finite, send_scalars, style_lines
 
 TIMELINE = "horizon"

@@ -10,8 +10,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike, NDArray
 
-from study.recording.files import replacing
-from study.recording.palette import Colour
+from study.plotting.palette import Colour
+from study.recording.integrity import replacing
 from study.recording.properties import Properties, write_properties
 
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from study.common.trials import score
+from study.plotting.palette import FORECAST, STATE, TARGET, faint
 from study.recording import blueprints
 from study.recording.charts import Axis, Chart
-from study.recording.palette import FORECAST, STATE, TARGET, faint
 from study.recording.properties import Properties, table, write_readme
 from study.recording.streams import finite, recording, send_scalars
-from study.trials import score
 
 KIND = "tuning"
 TIMELINE = "trial"

@@ -16,8 +16,8 @@ from typing import IO, Any, TypeVar
 
 from rerun.experimental import ViewerClient
 
-from study.errors import StudyError
-from study.recording.files import check
+from study.common.errors import StudyError
+from study.recording.integrity import check
 
 T = TypeVar("T")
 

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from study import __version__
+from study.common.files import write_json
+from study.common.progress import Progress
+from study.common.seeds import Seeds, derive, spawn
 from study.data.moments import moments
 from study.data.storage import load_parts
 from study.data.trajectories import ScenarioSet, Trajectories, save_all
 from study.envs import Scenarios, Simulator, Variable, simulators
-from study.files import write_json
 from study.metrics.mmd import bandwidths
-from study.progress import Progress
-from study.seeds import Seeds, derive, spawn
 
 # Trajectories that are planned and rolled out at once: bounds the memory, gives progress.
 CHUNK = 1000

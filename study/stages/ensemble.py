@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from study.data.module import TrajectoryModule
-from study.data.scaling import Scaling
+from study.common.progress import Progress
+from study.common.provenance import made_with
+from study.common.seeds import derive, torch_seed
+from study.data.normalization import Scaling
 from study.data.storage import load_arrays, save_parts
 from study.data.trajectories import Floats, ScenarioSet, Trajectories
-from study.models.ensemble import Ensemble
-from study.models.ensemble_of import EnsembleOf
-from study.progress import Progress
-from study.provenance import made_with
-from study.recording.logger import RerunLogger
-from study.seeds import derive, torch_seed
-from study.stages.fitting import fit
-from study.stages.weights import load_model, save_model
+from study.models.checkpoints import load_model, save_model
+from study.models.model_ensemble import EnsembleOf
+from study.models.rnn_ensemble import Ensemble
+from study.recording.training import RerunLogger
+from study.training.data_module import TrajectoryModule
+from study.training.fit import fit
 
 CHUNK = 512
 

@@ -14,20 +14,20 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from study.common.progress import Progress
+from study.common.seeds import Seeds, spawn
 from study.data.storage import Arrays, save_arrays
 from study.data.trajectories import Floats, ScenarioSet
 from study.envs import Simulator, simulators
-from study.metrics.scores import Outcomes, score
+from study.metrics.tables.scores import Outcomes, score
 from study.metrics.variance import split
 from study.models import Forecaster, Model
-from study.models.ensemble import Ensemble
-from study.models.ensemble_of import EnsembleOf
-from study.models.forecaster import draw_members
-from study.progress import Progress
-from study.seeds import Seeds, spawn
+from study.models.base import draw_members
+from study.models.checkpoints import load_model
+from study.models.model_ensemble import EnsembleOf
+from study.models.rnn_ensemble import Ensemble
 from study.stages.collect import read_kernel, repeat_rollouts
 from study.stages.ensemble import forecast_members
-from study.stages.weights import load_model
 
 SHOWN = 40
 """Paths of an illustration, at most: more would only cover each other."""

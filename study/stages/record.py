@@ -12,21 +12,21 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.artifacts import MANIFEST
+from study.common.files import copy, read_json
+from study.common.progress import Progress
+from study.common.provenance import made_with
+from study.config.grid import Cell
 from study.data.storage import Arrays, load_arrays
 from study.data.trajectories import Floats
 from study.envs import simulators
 from study.envs.simulator import Simulator
-from study.files import copy, read_json
-from study.grid import Cell
 from study.metrics.variance import Decomposition, decompose
-from study.progress import Progress
-from study.provenance import made_with
-from study.recording.files import checksum_path
 from study.recording.forecasts import Pick, record_forecast
+from study.recording.integrity import checksum_path
 from study.recording.properties import Properties
 from study.recording.scores import record_scores
 from study.recording.tuning import record_tuning
+from study.workflow.store import MANIFEST
 
 
 def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:

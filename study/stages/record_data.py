@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from study.artifacts import MANIFEST
+from study.common.files import read_json
+from study.common.progress import Progress
+from study.common.provenance import made_with
 from study.data.trajectories import Trajectories
 from study.envs import simulators
-from study.files import read_json
-from study.progress import Progress
-from study.provenance import made_with
 from study.recording.data import record_data
+from study.workflow.store import MANIFEST
 
 TRAJECTORIES = 20
 

@@ -9,17 +9,17 @@ from typing import Any
 
 import torch
 
-from study.data.module import TrajectoryModule
-from study.files import read_json, write_json
+from study.common.files import read_json, write_json
+from study.common.progress import Progress
+from study.common.provenance import made_with
+from study.common.seeds import derive, torch_seed
 from study.models import Model, models
-from study.progress import Progress
-from study.provenance import made_with
-from study.recording.logger import RerunLogger
-from study.seeds import derive, torch_seed
+from study.models.checkpoints import build, save_model
+from study.recording.training import RerunLogger
 from study.stages.collect import read_kernel
 from study.stages.ensemble import load_ensemble, load_members, training_data
-from study.stages.fitting import fit, validation_score
-from study.stages.weights import build, save_model
+from study.training.data_module import TrajectoryModule
+from study.training.fit import fit, validation_score
 
 
 def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:

@@ -18,13 +18,13 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from study.errors import StudyError
-from study.files import write_json
+from study.common.errors import StudyError
+from study.common.files import write_json
+from study.common.progress import Progress
+from study.common.seeds import derive, torch_seed
 from study.models import models
-from study.progress import Progress
-from study.seeds import derive, torch_seed
-from study.stages.fitting import fit
 from study.stages.train import prepare
+from study.training.fit import fit
 
 RESUMABLE = True
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)

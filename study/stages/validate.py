@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from study.common.files import read_json, write_json
+from study.common.progress import Progress
+from study.common.seeds import spawn
 from study.data.trajectories import ScenarioSet
 from study.envs import simulators
-from study.files import read_json, write_json
 from study.metrics.brier import brier_fair, climatology, skill
 from study.metrics.variance import variance_ratio
-from study.progress import Progress
-from study.seeds import spawn
+from study.models.checkpoints import load_model
 from study.stages.collect import read_kernel
 from study.stages.evaluate import forecast_in_parts
-from study.stages.fitting import validation_score
-from study.stages.weights import load_model
+from study.training.fit import validation_score
 
 FIRST_STEP = 10
 """Variances are compared from here on: before, hardly anything has varied."""

@@ -11,11 +11,11 @@ from unittest import mock
 
 import numpy as np
 
-from study.config import Config
+from study.common.progress import Progress
+from study.common.seeds import spawn
+from study.config.settings import Config
 from study.envs import Rollout
 from study.envs.pusher import Pusher
-from study.progress import Progress
-from study.seeds import spawn
 from study.stages import collect
 from tests.benchmarks.sizes import built, observe
 from tests.benchmarks.training import BATCH, batch_for, step_of

@@ -17,11 +17,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from study.config import Config
+from study.common.progress import Progress
+from study.common.seeds import spawn
+from study.config.settings import Config
 from study.data.trajectories import Trajectories
 from study.envs import simulators
-from study.progress import Progress
-from study.seeds import spawn
 from study.stages.collect import repeat_rollouts
 from tests.benchmarks.plain import plain
 from tests.benchmarks.sizes import MODELS, SIZES, built, observe

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from study.models import Model
-from study.models.cvae import RecurrentCvae
-from study.models.ensemble import Ensemble, Members
-from study.models.gaussian_decoder import GaussianDecoder
+from study.models.networks.cvae import RecurrentCvae
+from study.models.networks.gaussian_decoder import GaussianDecoder
 from study.models.residual_vae import ResidualVae
+from study.models.rnn_ensemble import Ensemble, Members
 from study.models.vae import Vae
 
 

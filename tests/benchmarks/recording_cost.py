@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from lightning.pytorch.loggers import Logger
 
-from study.data.module import TrajectoryModule
-from study.data.scaling import Scaling
+from study.common.progress import Progress
+from study.data.normalization import Scaling
 from study.data.trajectories import ScenarioSet
-from study.progress import Progress
-from study.recording.logger import RerunLogger
-from study.stages.fitting import fit
+from study.recording.training import RerunLogger
+from study.training.data_module import TrajectoryModule
+from study.training.fit import fit
 from tests.benchmarks.sizes import SIZES, built, observe
 from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast
 

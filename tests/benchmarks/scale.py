@@ -25,7 +25,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from study.config import Config
+from study.config.settings import Config
 from tests.benchmarks.costs import Cost, collection, forecasting, training
 from tests.benchmarks.timing import as_a_worker
 

@@ -22,10 +22,10 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout as Physics
 
+from study.common.seeds import spawn
 from study.envs import Simulator, gymnasium_id, simulators
 from study.envs.gymnasium_env import SimulatorEnv
 from study.envs.pusher import SWARM, Pusher
-from study.seeds import spawn
 
 TARGETS = {"pusher": 0.8, "uav": 0.5}
 """Least share of the limit that the batch should reach."""

@@ -5,14 +5,14 @@ from typing import Any
 
 import torch
 
-from study.config import Config, Ensemble, Mlp, Vae
-from study.data.scaling import Scaling
+from study.common.progress import Progress
+from study.config.settings import Config, Ensemble, Mlp, Vae
+from study.data.normalization import Scaling
 from study.data.trajectories import Trajectories, joined
 from study.envs import simulators
 from study.models import Model
-from study.progress import Progress
+from study.models.checkpoints import build
 from study.stages.collect import observe_trajectories
-from study.stages.weights import build
 
 MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp")
 SIZES = {

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from study.engine import MEMORY
+from study.workflow.engine import MEMORY
 
 
 def as_a_worker() -> None:

@@ -24,9 +24,10 @@ from unittest import mock
 import torch
 from torch import Tensor
 
-from study.config import Config
+from study.config.settings import Config
 from study.data.trajectories import Trajectories
-from study.models import Model, native
+from study.models import Model
+from study.models.gru import native
 from tests.benchmarks.plain import plain
 from tests.benchmarks.sizes import MODELS, SIZES, built, observe
 from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast, verdict

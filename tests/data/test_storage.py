@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from study.common.errors import StudyError
+from study.common.progress import Progress
 from study.data.moments import moments
-from study.data.scaling import Scaling
+from study.data.normalization import Scaling
 from study.data.storage import Arrays, load_arrays, load_parts, save_arrays, save_parts
 from study.data.trajectories import ScenarioSet, Trajectories, joined, save_all
-from study.errors import StudyError
-from study.progress import Progress
+from study.examples.cart import Cart
 from study.stages.collect import CHUNK, observe_scenarios, observe_trajectories
-from tests.toys import Cart
 
 ROWS = 23
 FACTS = {"unit": "°/s", "quoted": 'a "b" \\', "bounds": [None, 1.5]}
@@ -118,7 +118,7 @@ def test_scaling_of_more_trajectories_than_are_looked_at_together(
 ) -> None:
     train = joined(observe_trajectories(Cart(), 50, 0, Progress()))
     whole = Scaling.of(train)
-    monkeypatch.setattr("study.data.scaling.PART", 7)
+    monkeypatch.setattr("study.data.normalization.PART", 7)
     for name, value in vars(Scaling.of(train)).items():
         np.testing.assert_array_equal(value, getattr(whole, name))
     changes = np.diff(train.states, axis=1) / whole.state_scale

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from study.common.seeds import Seeds, spawn
 from study.envs import Rollout, Scenarios, Simulator, simulators
 from study.envs.simulator import Floats
-from study.seeds import Seeds, spawn
-from tests import toys
+from study.examples import cart
 
-assert toys.Cart.name == "cart"
+assert cart.Cart.name == "cart"
 COUNT = 43  # fills no swarm
 
 

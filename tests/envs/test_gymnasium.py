@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from study.common.seeds import spawn
 from study.envs import gymnasium_id, simulators
 from study.envs.gymnasium_env import SimulatorEnv
-from study.seeds import spawn
-from tests import toys
+from study.examples import cart
 
-NAMES = ["pusher", "uav", toys.Cart.name]
+NAMES = ["pusher", "uav", cart.Cart.name]
 
 
 def make(name: str, **options: object) -> SimulatorEnv:

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from study.common.seeds import Seeds, spawn
 from study.envs.pusher import BEHIND, Pusher
 from study.envs.pusher_policy import CONTACT, HABITS, LINK, Habits
 from study.envs.simulator import Doubles, Floats, Rollout, Scenarios
-from study.seeds import Seeds, spawn
-from tests.envs import docstrings
+from tests.helpers import docstrings
 
 COUNT = 100
 BALL_MASS = 0.04

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from study.metrics.brier import brier, brier_fair
-from study.metrics.reliability import (
-    Decomposition,
-    decompose,
-    group_of,
-    murphy,
-    reliability_curve,
-)
+from study.metrics.reliability import Decomposition, decompose, group_of, murphy, reliability_curve
 
 Forecaster = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 

@@ -10,12 +10,12 @@ import scoringrules
 import torch
 from scipy.stats import norm
 
-from study.config import Config, Crps
-from study.grid import Cell
+from study.config.grid import Cell
+from study.config.settings import Config, Crps
 from study.models.crps import TRAJECTORIES, CrpsGenerator, fair_score, two_cycles
-from study.models.likelihood import logarithmic_score
-from study.pipeline import Pipeline
-from tests.models.common import ACTION, HORIZON, STATE, model
+from study.models.networks.likelihood import logarithmic_score
+from study.workflow.pipeline import Pipeline
+from tests.helpers.models import ACTION, HORIZON, STATE, model
 
 NAMES = ["residual_crps", "full_crps"]
 LASTING, NOISE = 2, 5

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from study.data.scaling import Scaling
-from study.errors import StudyError
+from study.common.errors import StudyError
+from study.common.seeds import spawn
+from study.data.normalization import Scaling
 from study.models import Model, models
-from study.models.ensemble import Ensemble
-from study.models.gaussian_decoder import GaussianDecoder
-from study.seeds import spawn
-from study.stages.weights import build, load_model, save_model
-from tests.models.common import ACTION, HORIZON, STATE, model, settings, trajectories
+from study.models.checkpoints import build, load_model, save_model
+from study.models.networks.gaussian_decoder import GaussianDecoder
+from study.models.rnn_ensemble import Ensemble
+from tests.helpers.models import ACTION, HORIZON, STATE, model, settings, trajectories
 
 NAMES = [
     "residual_vae",

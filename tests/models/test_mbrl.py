@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from study.models.probabilistic_ensemble import ProbabilisticEnsemble
-from tests.models.common import ACTION, HORIZON, STATE, model
+from tests.helpers.models import ACTION, HORIZON, STATE, model
 
 mbrl = pytest.importorskip(
     "mbrl.models",

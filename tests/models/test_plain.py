@@ -7,7 +7,7 @@ from torch import Tensor
 from study.models import Model
 from study.models.vae import Vae
 from tests.benchmarks.plain import plain
-from tests.models.common import ACTION, HORIZON, STATE, model
+from tests.helpers.models import ACTION, HORIZON, STATE, model
 
 
 def sampled(network: Model) -> Tensor:

@@ -5,7 +5,7 @@ import torch
 from torch.distributions import Normal
 
 from study.models.probabilistic_mlp import ProbabilisticMlp
-from tests.models.common import ACTION, HORIZON, STATE, model
+from tests.helpers.models import ACTION, HORIZON, STATE, model
 
 
 def mlp() -> ProbabilisticMlp:

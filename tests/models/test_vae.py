@@ -8,12 +8,15 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal, kl_divergence
 
-from study.data.scaling import Scaling
-from study.models.cvae import RecurrentCvae, kl_from_standard_normal
-from study.models.likelihood import negative_log_likelihood, weighted_negative_log_likelihood
+from study.data.normalization import Scaling
+from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
+from study.models.networks.likelihood import (
+    negative_log_likelihood,
+    weighted_negative_log_likelihood,
+)
 from study.models.residual_vae import ResidualVae
 from study.models.vae import Vae
-from tests.models.common import ACTION, HORIZON, STATE, model, trajectories
+from tests.helpers.models import ACTION, HORIZON, STATE, model, trajectories
 
 FEEDINGS = ["free", "teacher", "schedule"]
 

@@ -7,20 +7,20 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from study.common.errors import StudyError
+from study.common.seeds import spawn
 from study.data.trajectories import Trajectories
 from study.envs.simulator import Variable
-from study.errors import StudyError
 from study.recording import data as data_recording
 from study.recording.data import record_data
-from study.recording.files import check
+from study.recording.integrity import check
 from study.recording.reading import entities, properties, scalars
-from study.seeds import spawn
-from tests.recording import toy
-from tests.recording.test_overview import document
+from tests.helpers import recordings
+from tests.recording.test_study import document
 
 
 def trajectories(count: int = 5) -> Trajectories:
-    simulator, seeds = toy.Puck(), spawn(0, count)
+    simulator, seeds = recordings.Puck(), spawn(0, count)
     scenarios = simulator.draw(seeds)
     actions = simulator.plan(scenarios, seeds)
     rollout = simulator.rollout(scenarios.s0, actions, seeds)
@@ -29,9 +29,9 @@ def trajectories(count: int = 5) -> Trajectories:
 
 def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
     data, path = trajectories(), tmp_path / "data.rrd"
-    record_data(path, toy.Puck(), data, toy.PROPERTIES)
+    record_data(path, recordings.Puck(), data, recordings.PROPERTIES)
     check(path)
-    assert properties(path)["cell"] == toy.PROPERTIES["cell"]
+    assert properties(path)["cell"] == recordings.PROPERTIES["cell"]
     assert {"/state/x", "/state/y", "/action/f_x", "/action/f_y"} <= set(entities(path))
     for column, name in ((0, "x"), (1, "y")):
         read = scalars(path, f"/state/{name}").to_numpy(np.float64)
@@ -39,7 +39,7 @@ def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
     assert path.stat().st_size < 1_000_000
 
 
-class Weighted(toy.Puck):
+class Weighted(recordings.Puck):
     """A puck with a hidden load."""
 
     hidden: ClassVar[tuple[Variable, ...]] = (Variable("load", "kg", "mass carried"),)
@@ -48,7 +48,7 @@ class Weighted(toy.Puck):
 def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
     load = np.array([[0.1], [0.5], [0.2], [np.inf], [0.4]], dtype=np.float32)
     path = tmp_path / "data.rrd"
-    record_data(path, Weighted(), replace(trajectories(), hidden=load), toy.PROPERTIES)
+    record_data(path, Weighted(), replace(trajectories(), hidden=load), recordings.PROPERTIES)
     read = scalars(path, "/hidden/load")["value"].to_numpy()
     assert np.isnan(read[3])
     np.testing.assert_allclose(read[[0, 1, 2, 4]], load[[0, 1, 2, 4], 0])
@@ -59,7 +59,7 @@ def test_the_text_tells_of_a_close_up_where_there_is_one(
     tiny: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(data_recording, "_TINY", tiny)
-    record_data(tmp_path / "data.rrd", toy.Puck(), trajectories(), toy.PROPERTIES)
+    record_data(tmp_path / "data.rrd", recordings.Puck(), trajectories(), recordings.PROPERTIES)
     text = document(tmp_path / "data.rrd", "/closest/about")
     assert ("*Close-up*" in text) == (tiny > 1)
     assert "- *Distance*: success" in text
@@ -70,7 +70,7 @@ def test_a_trajectory_that_is_lost_is_drawn_until_then(tmp_path: Path) -> None:
     states = data.states.copy()
     states[2, 7:] = np.nan
     states[4] = np.inf
-    record_data(path, toy.Puck(), replace(data, states=states), toy.PROPERTIES)
+    record_data(path, recordings.Puck(), replace(data, states=states), recordings.PROPERTIES)
     read = scalars(path, "/state/x").to_numpy(np.float64)
     assert np.isfinite(read[:7, 2]).all()
     assert np.isnan(read[7:, 2]).all()
@@ -81,7 +81,7 @@ def test_a_trajectory_that_is_lost_is_drawn_until_then(tmp_path: Path) -> None:
 @pytest.mark.parametrize("harm", ["flip", "cut"])
 def test_damage_is_found_and_named(harm: str, tmp_path: Path) -> None:
     path = tmp_path / "data.rrd"
-    record_data(path, toy.Puck(), trajectories(), toy.PROPERTIES)
+    record_data(path, recordings.Puck(), trajectories(), recordings.PROPERTIES)
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content if harm == "flip" else path.read_bytes()[:-1])

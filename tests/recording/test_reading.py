@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from study.errors import StudyError
+from study.common.errors import StudyError
 from study.recording import reading
 from study.recording.scores import record_scores
-from tests.recording import toy
+from tests.helpers import recordings
 
 
 @pytest.fixture(scope="module")
 def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scores") / "scores.rrd"
-    record_scores(path, toy.scores(), toy.PROPERTIES)
+    record_scores(path, recordings.scores(), recordings.PROPERTIES)
     return path
 
 
@@ -22,7 +22,7 @@ def test_one_reading_gives_what_many_give(scores: Path) -> None:
     assert list(below) == [e for e in reading.entities(scores) if e.startswith("/overall/")]
     for entity, frame in below.items():
         assert frame.equals(reading.scalars(scores, entity))
-    table = toy.scores()
+    table = recordings.scores()
     overall = table[(table.step == -1) & (table.scenario == -1)]
     read = [value for frame in below.values() for value in frame.iloc[0]]
     assert sorted(read) == sorted(overall["value"])

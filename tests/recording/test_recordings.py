@@ -7,24 +7,26 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 
-from study.errors import StudyError
+from study.common.errors import StudyError
 from study.recording import bands, fans, reading, scenes
-from study.recording.files import check, replacing
 from study.recording.forecasts import record_forecast, success_so_far
+from study.recording.integrity import check, replacing
 from study.recording.scores import record_scores, reliability
 from study.recording.tuning import record_tuning
-from tests.recording import toy
+from tests.helpers import recordings
 
 
 @pytest.fixture(scope="module")
 def forecast(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("forecast") / "forecast.rrd"
-    record_forecast(path, toy.Puck(), toy.picks(toy.Puck(), 2), toy.PROPERTIES)
+    record_forecast(
+        path, recordings.Puck(), recordings.picks(recordings.Puck(), 2), recordings.PROPERTIES
+    )
     return path
 
 
 def test_forecast_holds_the_quantiles(forecast: Path) -> None:
-    pick = toy.picks(toy.Puck(), 2)[0]
+    pick = recordings.picks(recordings.Puck(), 2)[0]
     frame = reading.scalars(forecast, "/median/state/x")
     assert frame.index.name == "horizon"
     assert list(frame.index) == list(range(1, 31))
@@ -35,8 +37,8 @@ def test_forecast_holds_the_quantiles(forecast: Path) -> None:
 
 
 def test_probability_of_success_ends_at_the_outcome(forecast: Path) -> None:
-    simulator = toy.Puck()
-    for root, pick in zip(("median", "best"), toy.picks(simulator, 2), strict=True):
+    simulator = recordings.Puck()
+    for root, pick in zip(("median", "best"), recordings.picks(simulator, 2), strict=True):
         for source in ("observed", "forecast"):
             share = reading.scalars(forecast, f"/{root}/success/{source}")["value"]
             assert (share.diff().dropna() >= 0).all()
@@ -45,8 +47,8 @@ def test_probability_of_success_ends_at_the_outcome(forecast: Path) -> None:
 
 
 def test_what_is_not_finite_is_never_close_and_has_no_quantile() -> None:
-    simulator = toy.Puck()
-    states = toy.picks(simulator, 1)[0].observed.copy()
+    simulator = recordings.Puck()
+    states = recordings.picks(simulator, 1)[0].observed.copy()
     states[:, 10:] = np.nan
     states[0, 5] = np.inf
     assert np.isnan(bands.quantiles(states)[:, 10:]).all()
@@ -56,17 +58,17 @@ def test_what_is_not_finite_is_never_close_and_has_no_quantile() -> None:
 
 
 def test_a_diverged_forecast_is_recorded(tmp_path: Path) -> None:
-    pick = toy.picks(toy.Puck(), 1)[0]
+    pick = recordings.picks(recordings.Puck(), 1)[0]
     pick.forecast[:, 5:] = 1e30
     pick.forecast[3:, 20:] = np.nan
-    record_forecast(tmp_path / "f.rrd", toy.Puck(), [pick], {})
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [pick], {})
     assert reading.scalars(tmp_path / "f.rrd", "/median/state/x").shape == (30, 10)
 
 
 def test_the_spread_is_in_standard_deviations(forecast: Path) -> None:
-    pick = toy.picks(toy.Puck(), 2)[0]
+    pick = recordings.picks(recordings.Puck(), 2)[0]
     frame = reading.scalars(forecast, "/median/spread")
-    seen = toy.Puck().position(pick.observed).astype(float).var(axis=0, ddof=1).sum(axis=-1)
+    seen = recordings.Puck().position(pick.observed).astype(float).var(axis=0, ddof=1).sum(axis=-1)
     np.testing.assert_allclose(frame["observed"] ** 2, seen, rtol=1e-6)
     assert pick.aleatoric is not None
     assert pick.epistemic is not None
@@ -79,9 +81,13 @@ def test_the_spread_is_in_standard_deviations(forecast: Path) -> None:
 
 def test_without_an_ensemble_nothing_is_split(tmp_path: Path) -> None:
     pick = replace(
-        toy.picks(toy.Puck(), 1)[0], member=None, members=None, aleatoric=None, epistemic=None
+        recordings.picks(recordings.Puck(), 1)[0],
+        member=None,
+        members=None,
+        aleatoric=None,
+        epistemic=None,
     )
-    record_forecast(tmp_path / "f.rrd", toy.Puck(), [pick], {})
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [pick], {})
     found = reading.entities(tmp_path / "f.rrd")
     assert "/median/paths/forecast" in found
     assert not {"/median/spread", "/median/paths/members"} & set(found)
@@ -103,11 +109,13 @@ def _position(eye: rrb.EyeControls3D) -> np.ndarray:
 
 
 def test_a_forecast_recording_is_small(tmp_path: Path) -> None:
-    simulator = toy.Puck(horizon=120)
-    picks = toy.picks(simulator, 8, 100)
+    simulator = recordings.Puck(horizon=120)
+    picks = recordings.picks(simulator, 8, 100)
     # Three times the state, as long and as many scenarios as the largest real recording has.
     simulator.state = tuple(  # type: ignore[misc]
-        type(v)(f"{v.name}{turn}", v.unit, v.meaning) for turn in range(3) for v in toy.Puck.state
+        type(v)(f"{v.name}{turn}", v.unit, v.meaning)
+        for turn in range(3)
+        for v in recordings.Puck.state
     )
     wide = []
     for pick in picks:
@@ -121,13 +129,13 @@ def test_a_forecast_recording_is_small(tmp_path: Path) -> None:
             }
         )
         wide.append(pick)
-    record_forecast(tmp_path / "f.rrd", simulator, wide, toy.PROPERTIES)
+    record_forecast(tmp_path / "f.rrd", simulator, wide, recordings.PROPERTIES)
     assert (tmp_path / "f.rrd").stat().st_size < 3_000_000
 
 
 def test_scores_are_the_same_numbers(tmp_path: Path) -> None:
-    table, path = toy.scores(), tmp_path / "scores.rrd"
-    record_scores(path, table, toy.PROPERTIES)
+    table, path = recordings.scores(), tmp_path / "scores.rrd"
+    record_scores(path, table, recordings.PROPERTIES)
     stepwise = table[(table["step"] > 0) & (table["scenario"] < 0)]
     for (metric, dimension), rows in stepwise.groupby(["metric", "dimension"]):
         frame = reading.scalars(path, f"/{metric}/{dimension}")
@@ -147,8 +155,8 @@ def test_scores_are_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_bands_of_a_long_horizon_are_thinned_to_its_end(tmp_path: Path) -> None:
-    pick = toy.picks(toy.Puck(horizon=120), 1)[0]
-    record_forecast(tmp_path / "f.rrd", toy.Puck(horizon=120), [pick], {})
+    pick = recordings.picks(recordings.Puck(horizon=120), 1)[0]
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(horizon=120), [pick], {})
     frame = reading.scalars(tmp_path / "f.rrd", "/median/state/x")
     assert list(frame.index) == list(range(3, 121, 3))
     expected = np.median(pick.observed[..., 0].astype(float), axis=0)
@@ -173,8 +181,8 @@ def test_reliability_of_a_calibrated_forecast_is_the_diagonal() -> None:
 
 
 def test_tuning_holds_every_trial(tmp_path: Path) -> None:
-    trials, path = toy.trials(), tmp_path / "tuning.rrd"
-    record_tuning(path, trials, toy.PROPERTIES)
+    trials, path = recordings.trials(), tmp_path / "tuning.rrd"
+    record_tuning(path, trials, recordings.PROPERTIES)
     assert reading.scalars(path, "/beta")["value"].tolist() == [t["beta"] for t in trials]
     complete = {t["number"]: t["value"] for t in trials if t["state"] == "complete"}
     assert reading.scalars(path, "/value/complete")["value"].to_dict() == complete
@@ -185,14 +193,14 @@ def test_tuning_holds_every_trial(tmp_path: Path) -> None:
 
 
 def test_properties_come_back(forecast: Path) -> None:
-    assert reading.properties(forecast) == toy.PROPERTIES
+    assert reading.properties(forecast) == recordings.PROPERTIES
     assert "/readme" in reading.entities(forecast)
 
 
 def test_properties_of_one_name_may_differ_in_type(tmp_path: Path) -> None:
     values: list[str | int | float] = ["12", 12, 0.5, "a"]
     for number, value in enumerate(values):
-        record_tuning(tmp_path / f"{number}.rrd", toy.trials(), {"seed": value})
+        record_tuning(tmp_path / f"{number}.rrd", recordings.trials(), {"seed": value})
         assert reading.properties(tmp_path / f"{number}.rrd") == {"seed": value}
 
 
@@ -202,7 +210,7 @@ def test_an_unknown_entity_is_named(forecast: Path) -> None:
 
 
 def test_poses_and_the_capsule_are_where_mujoco_has_them() -> None:
-    model = toy.Puck().scene()
+    model = recordings.Puck().scene()
     qpos = np.array([[0.3, -0.2, 0.0], [0.0, 0.0, np.pi / 2]])
     positions, rotations = scenes.body_poses(model, qpos)
     puck = model.body("puck").id

@@ -8,16 +8,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from study.errors import StudyError
+from study.common.errors import StudyError
 from study.recording import blueprints, viewer
 from study.recording.data import record_data
 from study.recording.forecasts import record_forecast
-from study.recording.logger import RerunLogger
-from study.recording.overview import record_study
 from study.recording.scores import record_scores
 from study.recording.streams import recording
+from study.recording.study import record_study
+from study.recording.training import RerunLogger
 from study.recording.tuning import record_tuning
-from tests.recording import test_data, toy
+from tests.helpers import recordings
+from tests.recording import test_data
 
 # An empty plot has a title, axes and a cursor on a ground of one colour: see the test of it below.
 LEAST_COLOURED = 5e-4
@@ -45,7 +46,7 @@ def lettered(image: Path) -> float:
 
 
 def _training(path: Path) -> None:
-    with RerunLogger(path, properties=toy.PROPERTIES) as logger:
+    with RerunLogger(path, properties=recordings.PROPERTIES) as logger:
         logger.log_hyperparams({"beta": 0.1})
         for step in range(50):
             logger.log_metrics({"train/loss": np.exp(-step / 10), "train/kl": step / 50}, step)
@@ -53,15 +54,17 @@ def _training(path: Path) -> None:
 
 KINDS: dict[str, Callable[[Path], None]] = {
     "data": lambda path: record_data(
-        path, toy.Puck(), test_data.trajectories()[:2], toy.PROPERTIES
+        path, recordings.Puck(), test_data.trajectories()[:2], recordings.PROPERTIES
     ),
     "training": _training,
-    "tuning": lambda path: record_tuning(path, toy.trials(), toy.PROPERTIES),
-    "scores": lambda path: record_scores(path, toy.scores(), toy.PROPERTIES),
+    "tuning": lambda path: record_tuning(path, recordings.trials(), recordings.PROPERTIES),
+    "scores": lambda path: record_scores(path, recordings.scores(), recordings.PROPERTIES),
     "forecast": lambda path: record_forecast(
-        path, toy.Puck(), toy.picks(toy.Puck(), 1), toy.PROPERTIES
+        path, recordings.Puck(), recordings.picks(recordings.Puck(), 1), recordings.PROPERTIES
     ),
-    "study": lambda path: record_study(path, toy.study_scores(), toy.TEXTS, {"study": "toy"}),
+    "study": lambda path: record_study(
+        path, recordings.study_scores(), recordings.TEXTS, {"study": "toy"}
+    ),
 }
 
 
@@ -80,7 +83,7 @@ def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
     shown = viewer.screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
     documents = {"README", "About this scenario", "About this trajectory", "Hyperparameters"}
-    documents |= {"Cells", *toy.TEXTS}
+    documents |= {"Cells", *recordings.TEXTS}
     for name, image in shown.views.items():
         share = lettered(image) if name.split(" (")[0] in documents else coloured(image)
         assert share > LEAST_COLOURED, f"{name} is blank: {share:.1e}"
@@ -97,7 +100,7 @@ def test_an_empty_view_counts_as_blank(tmp_path: Path) -> None:
 
 
 def test_no_driver_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    record_tuning(tmp_path / "t.rrd", toy.trials(), {})
+    record_tuning(tmp_path / "t.rrd", recordings.trials(), {})
     monkeypatch.setattr(viewer, "has_driver", lambda: False)
     with pytest.raises(StudyError, match=r"^no Vulkan driver.*mesa-vulkan-drivers\)$"):
         viewer.screenshots(tmp_path / "t.rrd", tmp_path)

@@ -8,14 +8,14 @@ import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
-from study.arguments import parse
-from study.artifacts import Store, Task
-from study.files import read_json
-from study.grid import Cell
-from study.pipeline import Pipeline
+from study.commands.parser import parse
+from study.common.files import read_json
+from study.common.trials import score
+from study.config.grid import Cell
 from study.stages.tune import sampler
-from study.trials import score
-from tests.running import SMALL, SMOKE, Done
+from study.workflow.pipeline import Pipeline
+from study.workflow.store import Store, Task
+from tests.helpers.running import SMALL, SMOKE, Done
 
 CELL = Cell("cart", "low", "full_vae", 0)
 

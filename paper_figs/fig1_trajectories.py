@@ -1,0 +1,148 @@
+"""Fig. 1 of the paper: forecast trajectories, separated into aleatoric and epistemic uncertainty.
+
+    python -m paper_figs.fig1_trajectories --results results/quick
+
+For each environment and level, one test scenario (that whose outcome is most uncertain) as the
+residual VAE sees it, or another model with an ensemble. Left, from above: what was observed (grey),
+the members' forecasts (thick: how far they lie apart is epistemic), and samples around the members
+(thin, in the members' colours: how far they lie from their member is aleatoric). Right, over the
+horizon: the standard deviation of the forecast position, the two parts of its variance stacked,
+beside that of the observed rollouts.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+
+from paper_figs.results import command, in_order
+from study.common.errors import BadInput
+from study.config.names import ENVIRONMENTS, LEVELS, RESIDUAL, label
+from study.data.storage import Arrays, load_arrays
+from study.plotting import style
+
+MEMBERS = ("#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
+EPISTEMIC, ALEATORIC, OBSERVED, TARGET = "#D55E00", "#F2C14E", "#777777", "#000000"
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """What stage evaluate left for one cell; see `study.stages.evaluate.illustrate`."""
+
+    environment: str
+    level: str
+    model: str
+    arrays: Arrays
+    facts: dict[str, Any]
+
+
+def draw(results: Path) -> list[Path]:
+    """Write figures/overview_<environment>.png and .pdf into `results`, from its illustrations.
+
+    Nothing is written for an environment that has none.
+
+    Raises:
+        BadInput: there is no such folder.
+        StudyError: an illustration is damaged.
+    """
+    if not results.is_dir():
+        raise BadInput(f"there is no folder {results}: run `python -m study.run all` first")
+    found = _read(results / "illustrations")
+    written = []
+    for environment in in_order({shown.environment for shown in found}, ENVIRONMENTS):
+        shown = [one for one in found if one.environment == environment]
+        written += _draw(shown, results / "figures" / f"overview_{environment}")
+    return written
+
+
+def _read(folder: Path) -> list[Illustration]:
+    """One illustration for each environment and level: the residual VAE's first seed, if any."""
+    chosen: dict[tuple[str, str], Illustration] = {}
+    for path in sorted(folder.glob("*/*/*/seed-*.safetensors")):
+        environment, level, model = path.relative_to(folder).parts[:3]
+        known = chosen.get((environment, level))
+        if known is None or (model == RESIDUAL and known.model != RESIDUAL):
+            chosen[environment, level] = Illustration(environment, level, model, *load_arrays(path))
+    ordered = in_order({level for _, level in chosen}, LEVELS)
+    return sorted(chosen.values(), key=lambda one: (one.environment, ordered.index(one.level)))
+
+
+def _draw(shown: list[Illustration], stem: Path) -> list[Path]:
+    with mpl.rc_context(style.context()):
+        drawing = style.figure(height=1.75 * len(shown) + 0.45)
+        rows = drawing.subplots(len(shown), 2, squeeze=False, width_ratios=[1.0, 1.15])
+        for (left, right), one in zip(rows, shown, strict=True):
+            _paths(left, one)
+            _variances(right, one)
+            left.set_title(
+                f"{label(one.environment)}, {label(one.level)}: {label(one.model)}", loc="left"
+            )
+        rows[-1, 0].set_xlabel("x (m)")
+        rows[-1, 1].set_xlabel("time (s)")
+        drawing.legend(
+            handles=_legend(),
+            loc="outside lower center",
+            ncols=3,
+            handlelength=1.3,
+            columnspacing=1.0,
+        )
+        return style.save(drawing, stem)
+
+
+def _paths(axes: Axes, one: Illustration) -> None:
+    arrays = one.arrays
+    colours = [MEMBERS[m % len(MEMBERS)] for m in range(len(arrays["members"]))]
+    target = arrays["target"].astype(float)
+    lines = [
+        (arrays["observed"], [OBSERVED], 0.5, 0.35),
+        (arrays["forecast"], [colours[m] for m in arrays["member"]], 0.5, 0.45),
+        (arrays["members"], colours, 1.6, 1.0),
+    ]
+    for paths, shades, width, alpha in lines:
+        level = paths[..., :2].astype(float)
+        collection = LineCollection(list(level), colors=shades, linewidths=width, alpha=alpha)
+        axes.add_collection(collection)
+        axes.update_datalim(level[np.isfinite(level).all(-1)])
+    radius = one.facts["radius"]
+    axes.add_patch(Circle((target[0], target[1]), radius, fill=False, edgecolor=TARGET, zorder=5))
+    axes.plot(*arrays["observed"][0, 0, :2], "o", color=TARGET, markersize=2.5, zorder=5)
+    axes.autoscale_view()
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_ylabel("y (m)")
+
+
+def _variances(axes: Axes, one: Illustration) -> None:
+    arrays = one.arrays
+    time = np.arange(1, len(arrays["aleatoric"]) + 1) * one.facts["control_step"]
+    # Variances add and deviations do not: the border between the parts is the epistemic deviation.
+    epistemic = np.sqrt(arrays["epistemic"])
+    total = np.sqrt(arrays["epistemic"] + arrays["aleatoric"])
+    axes.fill_between(time, 0, epistemic, color=EPISTEMIC, linewidth=0)
+    axes.fill_between(time, epistemic, total, color=ALEATORIC, linewidth=0)
+    axes.plot(time, np.sqrt(arrays["observed_variance"]), color="black", linestyle=style.DASHES)
+    axes.set_xlim(0, time[-1])
+    axes.set_ylim(bottom=0)
+    axes.set_axisbelow(True)
+    axes.set_ylabel("deviation of position (m)")
+
+
+def _legend() -> list[Line2D | Patch]:
+    return [
+        Line2D([], [], color=OBSERVED, linewidth=0.8, label="observed rollouts"),
+        Line2D([], [], color=MEMBERS[0], linewidth=1.6, label="ensemble members"),
+        Line2D([], [], color=MEMBERS[0], linewidth=0.6, label="forecast samples"),
+        Patch(color=EPISTEMIC, linewidth=0, label="epistemic part"),
+        Patch(color=ALEATORIC, linewidth=0, label="aleatoric part"),
+        Line2D([], [], color="black", linestyle=style.DASHES, label="observed deviation"),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(command(draw, "Forecasts split into aleatoric and epistemic: the paper's Fig. 1."))

@@ -1,0 +1,160 @@
+"""Fig. 3 of the paper: MMD² over the forecasting horizon, one figure for each environment.
+
+    python -m paper_figs.fig3_mmd --results results/quick
+
+Curves are averages over scenarios, state dimensions and seeds; bands are 95 % intervals by a
+bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are those of
+MMD, and the floor stays visible: the oracle's unbiased MMD² is zero on average, and dips below.
+Dotted lines are a ruler: the MMD² of right forecasts that are shifted by 0.1, 0.3 and 1 standard
+deviation of the observed rollouts.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
+
+from paper_figs.results import command, environments, levels, models, read_scores
+from study.config.names import ORACLE, label
+from study.metrics.intervals import percentiles, resampled_means
+from study.metrics.tables.table import select
+from study.plotting import style
+
+Doubles = NDArray[np.float64]
+
+RESAMPLES = 1000
+
+RULER = {f"mmd2_shift_{shift}": f"{shift} sd" for shift in ("0.1", "0.3", "1")}
+"""Metrics of the oracle's cells, and what stands beside their lines."""
+
+TICKS = np.array([0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0])
+
+
+def draw(results: Path) -> list[Path]:
+    """Write figures/mmd_<environment>.png and .pdf into `results`, from its scores alone.
+
+    Raises:
+        BadInput: there are no scores.
+    """
+    scores = read_scores(results)
+    curves = scores[(scores["metric"] == "mmd2") & (scores["scenario"] >= 0) & (scores["step"] > 0)]
+    ruler = scores[scores["metric"].isin(RULER) & (scores["step"] > 0)]
+    written = []
+    for environment in environments(curves):
+        stem = results / "figures" / f"mmd_{environment}"
+        written += _draw_environment(
+            curves[curves["environment"] == environment],
+            ruler[ruler["environment"] == environment],
+            environment,
+            stem,
+        )
+    return written
+
+
+def _draw_environment(
+    curves: pd.DataFrame, ruler: pd.DataFrame, environment: str, stem: Path
+) -> list[Path]:
+    palette = style.colours(models(curves))
+    counts = {}
+    with mpl.rc_context(style.context()):
+        # With many models the legend is high, and the curves are not to be low for it.
+        drawing = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
+        axes = drawing.subplots()
+        for model in models(curves):
+            for level in levels(curves):
+                values = _values(curves, environment, level, model)
+                if values is None or (model == ORACLE and ORACLE in counts):
+                    continue
+                counts[model] = values.shape[:2]
+                _curve(axes, values, model, level, palette[model])
+        _ruler(axes, ruler)
+        _finish(axes, environment, counts)
+        _legend(axes, counts, levels(curves), palette)
+        return style.save(drawing, stem)
+
+
+def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> Doubles | None:
+    """MMD² [seeds, S, T], or None where a cell has no scores."""
+    table = select(curves, "mmd2", environment, level, model, by="step and scenario")
+    if table.empty:
+        return None
+    by_step = table.sort_index(axis="columns").to_numpy(np.float64)
+    steps = table.columns.get_level_values("step").nunique()
+    return by_step.reshape(len(table), steps, -1).swapaxes(1, 2)
+
+
+def _curve(axes: Axes, values: Doubles, model: str, level: str, colour: str) -> None:
+    low, high = percentiles(resampled_means(values, RESAMPLES))
+    steps = np.arange(1, values.shape[2] + 1)
+    axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
+    axes.plot(steps, values.mean((0, 1)), color=colour, **style.line(model, level))
+
+
+def _ruler(axes: Axes, ruler: pd.DataFrame) -> None:
+    for metric, name in RULER.items():
+        line = ruler[ruler["metric"] == metric].groupby("step")["value"].mean()
+        if len(line):
+            axes.plot(line.index, line, color="#999999", linewidth=0.6, linestyle=":", zorder=1)
+            axes.annotate(
+                name,
+                (line.index[-1], line.iloc[-1]),
+                (2, 0),
+                textcoords="offset points",
+                color="#666666",
+                fontsize=5.5,
+                va="center",
+            )
+
+
+def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) -> None:
+    axes.set_yscale("function", functions=(_signed_root, _signed_square))
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(min(bottom, -0.001), top)
+    axes.yaxis.set_major_locator(FixedLocator(TICKS[top >= TICKS].tolist()))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(left=0)
+    axes.set_xlabel("forecast step")
+    axes.set_ylabel("MMD² (no unit; lower is better)")
+    scenarios = max(s for _, s in counts.values())
+    seeds = max(r for r, _ in counts.values())
+    plural = "s" if seeds > 1 else ""
+    axes.set_title(
+        f"{label(environment)} ({scenarios} scenarios, {seeds} training seed{plural})", loc="left"
+    )
+
+
+def _legend(
+    axes: Axes, counts: dict[str, tuple[int, ...]], shown: list[str], palette: dict[str, str]
+) -> None:
+    """Colours say the model, lines the level: two short lists rather than every pair."""
+    handles = [
+        Line2D([], [], color=palette[model], label=label(model), **style.line(model, "low"))
+        for model in counts
+    ]
+    handles += [
+        Line2D([], [], color="black", label=label(level), **style.line("", level))
+        for level in shown
+    ]
+    drawing = axes.get_figure(root=True)
+    assert drawing is not None
+    ncols = style.columns(handles)
+    drawing.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
+
+
+def _signed_root(value: Doubles) -> Doubles:
+    return np.sign(value) * np.sqrt(np.abs(value))
+
+
+def _signed_square(value: Doubles) -> Doubles:
+    return np.sign(value) * np.square(value)
+
+
+if __name__ == "__main__":
+    sys.exit(command(draw, "MMD² over the horizon, for each environment: the paper's Fig. 3."))

@@ -1,0 +1,82 @@
+"""Standard units: every learned model works on states and actions of zero mean and unit scale.
+
+Pairs that an environment names are turned first (`study.data.frames`)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from study.data.frames import Indices, turn, turned_pairs
+from study.data.moments import moments
+from study.data.trajectories import Trajectories
+
+Floats = NDArray[np.float32]
+
+# A component that does not vary (a constant wind, say) is left in its own units.
+SMALLEST_SCALE = 1e-6
+# Trajectories that are looked at together: bounds the memory.
+PART = 1000
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Means and standard deviations over all trajectories and steps of a training set.
+
+    Attributes:
+        state_mean, state_scale: [D] float32.
+        action_mean, action_scale: [A] float32.
+        change_scale: [D] float32, standard deviation of s_{t+1} − s_t in standard units.
+        turned: [P, 3] int64, the pairs and their angles.
+    """
+
+    state_mean: Floats
+    state_scale: Floats
+    action_mean: Floats
+    action_scale: Floats
+    change_scale: Floats
+    turned: Indices
+
+    @classmethod
+    def of(cls, trajectories: Trajectories) -> "Scaling":
+        """Measure a training set."""
+        states, actions = trajectories.states, trajectories.actions
+        turned = turned_pairs(trajectories.facts)
+
+        def level(part: Floats) -> Floats:
+            return turn(_copy(part), torch.from_numpy(turned)).numpy()
+
+        state_mean, state_scale = _measure(states, level)
+        action_mean, action_scale = _measure(actions)
+        _, change_scale = _measure(states, lambda part: np.diff(level(part), axis=1) / state_scale)
+        return cls(state_mean, state_scale, action_mean, action_scale, change_scale, turned)
+
+    def standard_states(self, states: Floats) -> Tensor:
+        """[..., D] in SI units to standard units."""
+        level = turn(_copy(states), torch.from_numpy(self.turned))
+        return _standard(level, self.state_mean, self.state_scale)
+
+    def standard_actions(self, actions: Floats) -> Tensor:
+        """[..., A] in SI units to standard units."""
+        return _standard(_copy(actions), self.action_mean, self.action_scale)
+
+
+def _copy(values: Floats) -> Tensor:
+    return torch.from_numpy(np.array(values))
+
+
+def _standard(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
+    # In place: a large set is in memory once.
+    return values.sub_(torch.from_numpy(mean)).div_(torch.from_numpy(scale))
+
+
+def _measure(
+    values: Floats, change: Callable[[Floats], Floats] = lambda part: part
+) -> tuple[Floats, Floats]:
+    """Mean and scale [D] of values [N, T, D], changed if so asked, part by part."""
+    starts = range(0, len(values), PART)
+    mean, scale = moments(lambda: (change(values[start : start + PART]) for start in starts))
+    return mean.astype(np.float32), np.where(scale < SMALLEST_SCALE, 1.0, scale).astype(np.float32)

@@ -1,0 +1,127 @@
+"""Rows of the proper scores, calibration and variances of forecasts.
+
+See `study.metrics.tables.table`.
+
+==========================  =======================================================================
+metric                      rows
+==========================  =======================================================================
+crps                        by dimension; by step; by scenario; all (in standard deviations of the
+                            training data)
+energy_score                by step; by scenario; all
+coverage_50, _80, _90       by dimension; by step; all
+pit_01 … pit_20             by dimension; all: the share of rollouts in each bin of the PIT
+variance_ratio              all
+aleatoric_ratio             by dimension and step; by dimension; by step; all
+epistemic_share             by dimension and step; by step; all
+==========================  =======================================================================
+
+Averages of the last three are over what is not negligible; NaN if nothing is.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from study.metrics.calibration import coverage, pit, rank_histogram
+from study.metrics.proper_scores import crps, energy_score
+from study.metrics.tables.table import (
+    by_dimension,
+    by_dimension_and_step,
+    by_scenario,
+    by_step,
+    overall,
+)
+from study.metrics.variance import (
+    aleatoric_ratio,
+    decompose,
+    epistemic_share,
+    mean_of_known,
+    variance_ratio,
+)
+
+Array = NDArray[Any]
+
+LEVELS = (50, 80, 90)
+"""Central intervals, in per cent."""
+
+
+def trajectory_rows(
+    forecast: Array,
+    observed: Array,
+    scale: Array,
+    names: Sequence[str],
+    member: Array | None = None,
+) -> pd.DataFrame:
+    """All rows of this module for one set of forecasts.
+
+    Args:
+        forecast: [S, K, T, D], physical units, K ≥ 2. Values that are not finite score as the worst
+            case, by the rule of each metric.
+        observed: [S, L, T, D], physical units, L ≥ 2, finite.
+        scale: [D], standard deviations of the training data.
+        names: D names of dimensions.
+        member: [S, K] integers, the ensemble member of each sample; None without an ensemble.
+
+    Raises:
+        ValueError: fewer than two samples, or a non-finite observed value.
+    """
+    dimensions = np.array([*names, "all"], object)
+    parts = [
+        *_proper(forecast, observed, scale, dimensions),
+        *_calibration(forecast, observed, dimensions),
+        *_variances(forecast, observed, scale, dimensions, member),
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _proper(
+    forecast: Array, observed: Array, scale: Array, dimensions: Array
+) -> list[pd.DataFrame]:
+    marginal, joint = crps(forecast, observed, scale), energy_score(forecast, observed, scale)
+    return [
+        by_dimension("crps", marginal.mean((0, 1)), dimensions),
+        by_step("crps", marginal.mean((0, 2))),
+        by_scenario("crps", marginal.mean((1, 2))),
+        overall("crps", marginal.mean()),
+        by_step("energy_score", joint.mean(0)),
+        by_scenario("energy_score", joint.mean(1)),
+        overall("energy_score", joint.mean()),
+    ]
+
+
+def _calibration(forecast: Array, observed: Array, dimensions: Array) -> list[pd.DataFrame]:
+    ranks = rank_histogram(forecast, observed)
+    rows = []
+    for level in LEVELS:
+        metric, covered = f"coverage_{level}", coverage(ranks, level / 100)
+        rows += [
+            by_dimension(metric, covered.mean(0), dimensions),
+            by_step(metric, covered.mean(1)),
+            overall(metric, covered.mean()),
+        ]
+    shares = pit(ranks.mean(0))
+    for bin_number, share in enumerate(shares.T, start=1):
+        metric = f"pit_{bin_number:02}"
+        rows += [by_dimension(metric, share, dimensions), overall(metric, share.mean())]
+    return rows
+
+
+def _variances(
+    forecast: Array, observed: Array, scale: Array, dimensions: Array, member: Array | None
+) -> list[pd.DataFrame]:
+    predicted = decompose(forecast, member)
+    of_truth = aleatoric_ratio(predicted, observed, scale)
+    share = epistemic_share(predicted, scale)
+    return [
+        overall("variance_ratio", float(mean_of_known(variance_ratio(forecast, observed, scale)))),
+        by_dimension_and_step("aleatoric_ratio", of_truth, dimensions),
+        by_dimension("aleatoric_ratio", mean_of_known(of_truth, 0), dimensions),
+        by_step("aleatoric_ratio", mean_of_known(of_truth, 1)),
+        overall("aleatoric_ratio", float(mean_of_known(of_truth))),
+        by_dimension_and_step("epistemic_share", share, dimensions),
+        by_step("epistemic_share", mean_of_known(share, 1)),
+        overall("epistemic_share", float(mean_of_known(share))),
+    ]

@@ -1,0 +1,77 @@
+"""`recurrence.c`, compiled on first use for the processor at hand, and kept for the next time.
+
+Without a C compiler, or with ``STUDY_COMPILED=0`` in the environment, there is no library, and
+`study.models.gru.recurrence` computes the same in plain torch.
+"""
+
+import ctypes
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from study.models.gru import compiler
+
+SOURCE = Path(__file__).with_name("recurrence.c")
+ROWS = 12
+"""Trajectories in a block, as in the source."""
+
+_SIZES = (ctypes.c_long,) * 7 + (ctypes.c_float,)
+_ARRAYS = {"forward": 14, "backward": 11}
+_log = logging.getLogger(__name__)
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """The compiled functions; None where there are none."""
+    if (found := compiler.find()) is None:
+        return None
+    try:
+        built = ctypes.CDLL(str(compiler.build(SOURCE, found)))
+    except OSError as error:
+        _log.warning("recurrent networks run in plain torch: %s", error)
+        return None
+    for name, arrays in _ARRAYS.items():
+        function = getattr(built, name)
+        function.argtypes = _SIZES + (ctypes.c_void_p,) * arrays
+        function.restype = None
+    return built
+
+
+def call(
+    function: Callable[..., None],
+    members: int,
+    sizes: tuple[int, int, int, int, int],
+    keep: float,
+    arrays: tuple[Tensor | None, ...],
+) -> None:
+    """Call a function of the library for all blocks, on as many threads as torch uses.
+
+    Args:
+        function: `forward` or `backward`.
+        members: M.
+        sizes: B, T, C, D, H.
+        keep: see the source.
+        arrays: its arrays in their order, float32 and contiguous.
+    """
+    for array in arrays:
+        assert array is None or (array.is_contiguous() and array.dtype == torch.float32)
+    pointers = [None if array is None else array.data_ptr() for array in arrays]
+    blocks = members * -(-sizes[0] // ROWS)
+    threads = min(torch.get_num_threads(), blocks)
+    if threads < 2:
+        function(0, blocks, *sizes, keep, *pointers)
+        return
+    ends = [blocks * part // threads for part in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:  # while it runs, C does not hold the interpreter
+        parts = [
+            pool.submit(function, first, last, *sizes, keep, *pointers)
+            for first, last in pairwise(ends)
+        ]
+    for part in parts:
+        part.result()

@@ -1,1 +1,0 @@
-"""A portrait of an environment: statistics and pictures that say what it is like."""

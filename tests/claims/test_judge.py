@@ -1,0 +1,195 @@
+"""Verdicts on scores where they are known."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.claims.judge import Outcome, Verdict, judge, to_json, to_markdown
+from study.claims.paper import CLAIMS
+from study.config.names import FULL, LEVELS, MLP, ORACLE, RESIDUAL
+from tests.helpers.synthetic import AS_THE_PAPER, scores
+
+
+def verdicts(table: pd.DataFrame, *ids: str) -> list[Verdict]:
+    """Verdicts on the claims with these names, in their order."""
+    by_id = {claim.id: claim for claim in CLAIMS}
+    return judge(table, [by_id[name] for name in ids])
+
+
+def outcome(table: pd.DataFrame, name: str) -> Outcome:
+    return verdicts(table, name)[0].outcome
+
+
+def with_mmd(changed: dict[str, tuple[float, float]], spread: float = 0.02) -> pd.DataFrame:
+    return scores(AS_THE_PAPER | changed, spread=spread)
+
+
+def drop(table: pd.DataFrame, **cell: str) -> pd.DataFrame:
+    matches = np.logical_and.reduce([table[name] == value for name, value in cell.items()])
+    return table[~matches]
+
+
+def test_everything_as_the_paper_says() -> None:
+    found = judge(scores())
+    assert [verdict.claim for verdict in found] == list(CLAIMS)
+    assert {verdict.outcome for verdict in found} == {Outcome.REPRODUCED}
+
+
+def test_the_opposite() -> None:
+    table = with_mmd({RESIDUAL: (0.4, 0.5), FULL: (0.2, 0.1), MLP: (0.05, 0.06)})
+    found = verdicts(
+        table,
+        "mmd-residual-lowest-uav-low",
+        "mmd-mlp-highest-uav-low",
+        "mmd-full-rises-uav",
+        "brier-order-pusher-low",
+    )
+    assert {verdict.outcome for verdict in found} == {Outcome.NOT_REPRODUCED}
+
+
+def test_half_of_it() -> None:
+    """The residual VAE beats the MLP, and not the full VAE."""
+    table = with_mmd({RESIDUAL: (0.15, 0.2)})
+    (found,) = verdicts(table, "mmd-residual-lowest-pusher-low")
+    assert found.outcome is Outcome.PARTLY
+    assert [finding.status for finding in found.findings] == ["contradicted", "holds"]
+
+
+def test_a_tie_is_no_advantage() -> None:
+    table = with_mmd({RESIDUAL: (0.1, 0.16), MLP: (0.1, 0.16)})
+    assert outcome(table, "mmd-residual-lowest-pusher-low") is Outcome.NOT_REPRODUCED
+
+
+def test_an_exact_tie_is_no_advantage_either() -> None:
+    table = scores()
+    tied = table[table.model == FULL].assign(model=RESIDUAL)
+    table = pd.concat([table[table.model != RESIDUAL], tied], ignore_index=True)
+    first = verdicts(table, "mmd-residual-lowest-pusher-low")[0].findings[0]
+    assert (first.effect, first.low, first.high) == (0, 0, 0)
+    assert first.status == "contradicted"
+
+
+def test_a_difference_too_small_to_matter() -> None:
+    """Sure, and below the least effect: not what the paper claims."""
+    table = with_mmd({FULL: (0.051, 0.052)}, spread=0.0001)
+    first = verdicts(table, "mmd-residual-lowest-pusher-low")[0].findings[0]
+    assert first.low > 0
+    assert first.status == "contradicted"
+
+
+def test_noise_is_inconclusive() -> None:
+    table = with_mmd({FULL: (0.1, 0.11)}, spread=2.0)
+    assert outcome(table, "mmd-full-rises-pusher") is Outcome.INCONCLUSIVE
+    # A failure to reject is not equivalence.
+    assert outcome(table, f"mmd-steady-pusher-{RESIDUAL}") is Outcome.INCONCLUSIVE
+
+
+def test_comparable_needs_a_margin() -> None:
+    table = with_mmd({RESIDUAL: (0.05, 0.09)})
+    assert outcome(table, f"mmd-steady-pusher-{RESIDUAL}") is Outcome.NOT_REPRODUCED
+    assert outcome(table, f"mmd-steady-pusher-{MLP}") is Outcome.REPRODUCED
+
+
+def test_a_model_better_than_the_oracle_fails_the_check() -> None:
+    table = with_mmd({ORACLE: (0.08, 0.08)})
+    (found,) = verdicts(table, "check-mmd2-oracle-pusher")
+    assert found.outcome is Outcome.PARTLY
+    beaten = [finding.words for finding in found.findings if finding.status == "contradicted"]
+    assert beaten == [f"residual VAE, {level} epistemic, minus oracle" for level in LEVELS]
+
+
+def test_brier_scores_that_fall_on_the_uav() -> None:
+    table = scores(brier={RESIDUAL: (0.2, 0.1), FULL: (0.3, 0.2), MLP: (0.5, 0.4)})
+    assert outcome(table, "brier-rises-uav") is Outcome.NOT_REPRODUCED
+    assert outcome(table, "brier-order-uav-high") is Outcome.REPRODUCED
+
+
+def test_one_seed() -> None:
+    found = judge(scores(seeds=1))
+    assert {finding.seeds for verdict in found for finding in verdict.findings} == {1}
+    assert "There is one training seed" in to_markdown(found)
+    two = verdicts(scores(seeds=2), "mmd-full-rises-uav")
+    assert "Training seeds: 2." in to_markdown(two)
+
+
+def test_missing_cells_are_not_run() -> None:
+    table = drop(scores(), environment="uav", model=FULL, level="high")
+    found = verdicts(table, "mmd-full-rises-uav", "mmd-full-rises-pusher")
+    assert [verdict.outcome for verdict in found] == [Outcome.NOT_RUN, Outcome.REPRODUCED]
+    assert found[0].missing == ("uav/high/full_vae",)
+    assert "No scores of uav/high/full_vae." in to_markdown(found)
+
+
+def test_no_scores_at_all() -> None:
+    table = scores().iloc[:0]
+    found = judge(table)
+    assert {verdict.outcome for verdict in found} == {Outcome.NOT_RUN}
+    assert "not run" in to_markdown(found)
+    json.loads(to_json(found))
+
+
+def test_other_environments_and_models_change_nothing() -> None:
+    table = scores()
+    other = table.assign(environment="toy")
+    more = table[table.model == FULL].assign(model="flow")
+    crowded = pd.concat([table, other, more], ignore_index=True)
+    names = ("mmd-uav-larger", "brier-order-uav-low", "check-brier-oracle-pusher")
+    assert verdicts(crowded, *names) == verdicts(table, *names)
+    assert {verdict.outcome for verdict in judge(other)} == {Outcome.NOT_RUN}
+
+
+def test_a_seed_that_failed_is_left_out_of_both_sides() -> None:
+    table = scores()
+    lacking = table[~((table.model == FULL) & (table.seed == 1))]
+    finding = verdicts(lacking, "mmd-residual-lowest-uav-low")[0].findings[0]
+    assert finding.seeds == 2
+    assert finding.effect == pytest.approx(0.075)
+
+
+def test_the_oracle_needs_one_seed_and_one_level() -> None:
+    table = scores()
+    oracle = table.model == ORACLE
+    once = table[~oracle | ((table.seed == 0) & (table.level == "low"))]
+    (found,) = verdicts(once, "check-mmd2-oracle-uav")
+    assert found.outcome is Outcome.REPRODUCED
+    assert {finding.seeds for finding in found.findings} == {3}
+
+
+def test_infinite_variance_does_not_break_anything() -> None:
+    table = scores()
+    ratio = (table.metric == "aleatoric_ratio") & (table.model == FULL) & (table.dimension == "x")
+    table.loc[ratio, "value"] = np.inf
+    table.loc[(table.metric == "aleatoric_ratio") & (table.dimension == "y"), "value"] = np.nan
+    finding = verdicts(table, "aleatoric-residual-closer-uav")[0].findings[0]
+    assert np.isfinite([finding.effect, finding.low, finding.high]).all()
+    assert finding.scenarios == 2
+
+
+def test_reports() -> None:
+    found = judge(scores())
+    report = to_markdown(found)
+    assert report.count("\n- **") == len(CLAIMS)
+    assert "(figures/mmd_pusher.png)" in report
+    entries = json.loads(to_json(found))
+    assert [entry["id"] for entry in entries] == [claim.id for claim in CLAIMS]
+    assert entries[0]["deciding"]["effect"] == pytest.approx(0.05)
+    assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
+
+
+def test_the_order_of_rows_does_not_matter() -> None:
+    table = scores()
+    names = ("mmd-residual-lowest-uav-low", "mmd-uav-larger", "aleatoric-residual-closer-uav")
+    shuffled = table.sample(frac=1, random_state=0)
+    assert to_json(verdicts(shuffled, *names)) == to_json(verdicts(table, *names))
+
+
+def test_an_infinite_score_is_no_gap_in_the_report() -> None:
+    table = scores()
+    worst = (table.metric == "energy_score") & (table.model == FULL) & (table.scenario == 3)
+    table.loc[worst, "value"] = np.inf
+    found = verdicts(table, "check-energy_score-oracle-uav")
+    assert found[0].outcome is Outcome.REPRODUCED
+    assert "inf" in [finding["effect"] for finding in json.loads(to_json(found))[0]["findings"]]
+    assert "nan" not in to_markdown(found)

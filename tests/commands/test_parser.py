@@ -1,0 +1,156 @@
+"""Bad input gets one line that names the setting, what was given and what is allowed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from study.commands.parser import CONFIGS, parse
+from study.common.errors import BadInput
+from study.config.names import BEYOND, MODELS
+from study.config.settings import Config, keys
+from study.run import main
+
+BAD = [
+    (["al"], "did you mean 'all'?"),
+    ([], "a command is missing"),
+    (["--config", "x.yaml", "all"], "stands before the command"),
+    (["all", "--tune.trial", "3"], "did you mean 'tune.trials'?"),
+    (["all", "--trials", "3"], "tune.trials"),
+    (["all", "--tune.trials", "many"], "tune.trials: got 'many'; it must be a whole number"),
+    (["all", "--tune.trials", "1.5"], "tune.trials: got '1.5'; it must be a whole number"),
+    (["all", "--train.learning_rate", "fast"], "it must be a number"),
+    (["all", "--grid.seeds", "3"], "a list of whole numbers"),
+    (["all", "--grid.seeds", "[]"], "at least one value"),
+    (["all", "--grid.seeds", "[0, 0]"], "once"),
+    (["all", "--grid.seeds", "[-1]"], "grid.seeds: got -1; it must be at least 0"),
+    (["all", "--collect.rollouts", "-3"], "collect.rollouts: got -3; it must be at least 2"),
+    (["all", "--collect.horizon", "0"], "collect.horizon: got 0; it must be at least 2"),
+    (["all", "--collect.horizon", "long"], "a whole number or null"),
+    (["all", "--collect.trajectories", "5"], "level high needs at least 2"),
+    (["all", "--train.learning_rate", "0"], "train.learning_rate: got 0"),
+    (["all", "--tune.beta_low", "2", "--tune.beta_high", "1"], "at most tune.beta_high"),
+    (["all", "--ensemble.data", "folds", "--ensemble.members", "1"], "needs at least 2"),
+    (["all", "--vae.feeding", "fre"], "did you mean 'free'?"),
+    (["all", "--engine.kind", "dusk"], "did you mean 'dask'?"),
+    (["all", "--grid.environments", "[pushr]"], "did you mean 'pusher'?"),
+    (["all", "--grid.models", "[full_va]"], "did you mean 'full_vae'?"),
+    (["all", "--grid.levels", "[medium]"], "allowed: low, high"),
+    (["all", "--only", "pusher/lo/*"], "no cell matches"),
+    (["all", "--plugins", "[no_such_module]"], "cannot import 'no_such_module'"),
+    (["all", "--name", "a/b"], "it names a folder"),
+    (["all", "--out"], "its value is missing"),
+    (["all", "surplus"], "surplus"),
+    (["all", "--config", "configs/quik.yaml"], "did you mean 'configs/quick.yaml'?"),
+    (["all", "--out", "/proc/nowhere"], "cannot write"),
+    (["view", "pusher/low/residual_va/seed-0"], "did you mean 'pusher/low/residual_vae/seed-0'?"),
+    (["view", "pusher/low/oracle/seed-0", "--kind", "score"], "did you mean 'scores'?"),
+    (["view", "pushr"], "did you mean 'pusher'?"),
+    (["view", "stuyd"], "did you mean 'study'?"),
+    (["compare", "pusher/low/oracle/seed-0"], "two cells"),
+    (["compare", "pusher/low/oracle/seed-0", "pusher/low/oracl/seed-0"], "oracle/seed-0'?"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "expected"), BAD, ids=lambda value: " ".join(value)[:60])
+def test_one_line_and_nothing_written(
+    arguments: list[str],
+    expected: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "configs").symlink_to(CONFIGS)
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert printed.err.count("\n") == 1
+    assert expected in printed.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("tune: {trialz: 3}", "unknown setting 'tune.trialz'"),
+        ("tunes: {trials: 3}", "did you mean 'tune'?"),
+        ("tune: 3", "it must be a section"),
+        ("tune: [3\nx: {", "is not YAML"),
+        ("- a\n- b", "holds no settings"),
+        ("", "holds no settings"),
+        ("tune: {trials: many}", "tune.trials: got 'many'; it must be a whole number"),
+        ("\x00\x01", "is not YAML"),
+    ],
+)
+def test_bad_files(text: str, expected: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=r"^[^\n]*$") as error:
+        parse(["all", "--config", str(path)])
+    assert expected in str(error.value)
+
+
+def test_a_results_folder_of_another_version(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.json").write_text('{"format": 99}')
+    assert main(["plan", "--out", str(tmp_path)]) == 2
+    assert "made by another version" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
+
+
+def test_no_traceback_from_a_process_of_its_own() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "study.run", "all", "--tune.trials", "x"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == "error: tune.trials: got 'x'; it must be a whole number\n"
+
+
+def test_flags_and_files_set_the_same_settings(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\ntune: {trials: 7}\ngrid: {seeds: [0, 1]}\n")
+    command = parse(["all", "--config", str(path), "--tune.beta_low=1e-3", "--out", "somewhere"])
+    assert command.config.tune.trials == 7
+    assert command.config.tune.beta_low == 1e-3
+    assert command.config.grid.seeds == (0, 1)
+    assert command.out == Path("somewhere")
+    assert parse(["all", "--config", str(path)]).out == Path("results/mine")
+
+
+@pytest.mark.parametrize(
+    ("given", "models"),
+    [
+        (["--grid.models", "paper"], MODELS),
+        (["--grid.models=all"], (*MODELS, *BEYOND)),
+        (["--grid.models", "[all]"], (*MODELS, *BEYOND)),
+        (["--grid.models", "[full_crps, paper]"], ("full_crps", *MODELS)),
+        (["--grid.models", "[full_vae]"], ("full_vae",)),
+    ],
+)
+def test_groups_of_models(given: list[str], models: tuple[str, ...]) -> None:
+    assert parse(["all", *given]).config.grid.models == models
+
+
+def test_the_shipped_configs_are_valid() -> None:
+    names = {parse(["all", "--config", str(path)]).config.name for path in CONFIGS.glob("*.yaml")}
+    assert names == {"smoke", "quick", "paper", "ablations", "ablations_high", "ablations_crps"}
+
+
+def test_the_default_config_is_quick() -> None:
+    assert parse(["all"]).config == Config()
+
+
+def test_help_lists_every_setting(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        parse(["all", "--help"])
+    assert stopped.value.code == 0
+    text = capsys.readouterr().out
+    assert all(f"--{key}" in text for key in keys())

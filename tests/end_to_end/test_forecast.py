@@ -1,0 +1,275 @@
+"""Forecasts from the weights that a study ships: those that it scored, or of a plan from a file."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.commands.forecast import Question, answer, outcome_shares, read_scenario, simulator_of
+from study.common.errors import BadInput
+from study.common.progress import Progress
+from study.data.plan_files import Plan, read_plan, write_plan
+from study.data.trajectories import ScenarioSet
+from study.examples.cart import Cart
+from study.recording.integrity import check
+from study.recording.reading import entities, properties
+from study.results import folder
+from tests.helpers.running import Done, study
+
+CELL = "uav/high/residual_vae/seed-0"
+Columns = dict[str, dict[str, object]]
+
+
+@pytest.fixture(scope="session")
+def shipped(smoke: tuple[Path, Done], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is left of the smoke study for a reader: no work folder."""
+    out = tmp_path_factory.mktemp("shipped") / "results"
+    return Path(shutil.copytree(smoke[0], out, ignore=shutil.ignore_patterns("work")))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        CELL,
+        "pusher/low/probabilistic_mlp/seed-0",
+        "uav/low/ensemble/seed-0",
+        "pusher/low/oracle/seed-0",
+    ],
+)
+@pytest.mark.parametrize("scenario", [0, 5])
+def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int) -> None:
+    known = folder.read(shipped)
+    cell = known.cell(name, "--cell")
+    question = Question(known, cell, scenario)
+    pick = answer(question, read_scenario(question), Progress())
+    scores = pd.read_parquet(shipped / "scores.parquet")
+    rows = scores[
+        np.logical_and.reduce([scores[key] == value for key, value in asdict(cell).items()])
+        & (scores.metric == "forecast_probability")
+        & (scores.scenario == scenario)
+        & (scores.step == -1)
+    ].set_index("dimension")
+    simulator = simulator_of(known, cell.environment)
+    shares = outcome_shares(simulator, pick)
+    assert len(shares) >= 3
+    for dimension, (share, _) in zip(["all", *list(shares)[1:]], shares.values(), strict=True):
+        assert np.float32(share) == rows.value[dimension]
+
+
+@pytest.mark.parametrize("environment", ["pusher", "uav"])
+def test_a_test_scenario_is_drawn_again_to_the_bit(
+    smoke: tuple[Path, Done], shipped: Path, environment: str
+) -> None:
+    (path,) = [
+        manifest.with_name("test.safetensors")
+        for manifest in (smoke[0] / "work" / "collect").glob("*/manifest.json")
+        if json.loads(manifest.read_text())["label"] == environment
+    ]
+    test, known = ScenarioSet.load(path), folder.read(shipped)
+    question = Question(known, known.cell(f"{environment}/low/full_vae/seed-0", "--cell"), 6)
+    pick = answer(question, read_scenario(question), Progress())
+    for name in ("s0", "actions", "task", "observed"):
+        np.testing.assert_array_equal(getattr(pick, name), getattr(test, name)[6])
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+def test_a_file_and_a_scenario_agree(shipped: Path, tmp_path: Path, suffix: str) -> None:
+    plan, common = tmp_path / f"plan.{suffix}", ["--cell", CELL, "--out", shipped]
+    written = study("forecast", *common, "--scenario", 4, "--write", plan)
+    assert (written.code, written.out) == (0, f"{plan}\n")
+    of_scenario, of_file = (
+        study("forecast", *common, *what, "--scenario", 4, "--samples", 9, "--save", tmp_path / to)
+        for what, to in (([], "scenario.rrd"), (["--file", plan], "file.rrd"))
+    )
+    assert of_scenario.code == of_file.code == 0, of_file
+    numbers = [done.out.split("reaches the target")[1] for done in (of_scenario, of_file)]
+    assert numbers[0].replace("scenario.rrd", "file.rrd") == numbers[1]
+    assert "9 forecasts and 6 observed runs of 12 steps, 4.8 s" in of_file.out
+    assert "plan from a file" in of_file.out
+    known = folder.read(shipped)
+    one, other = (
+        answer(question, read_scenario(question), Progress()).forecast
+        for question in (Question(known, known.cell(CELL, ""), 4, file, 9) for file in (None, plan))
+    )
+    np.testing.assert_array_equal(one, other)
+
+
+def test_what_is_printed_and_recorded(shipped: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "forecast.rrd"
+    given = ["--cell", CELL, "--scenario", 2, "--samples", 20, "--out", shipped, "--save", path]
+    done = study("forecast", *given)
+    assert done.code == 0
+    assert done.err == ""
+    said = done.out.splitlines()
+    for name in ("reaches the target", "ends at the target", "stays above 15 m"):
+        (line,) = [line for line in said if line.startswith(name)]
+        assert all(0 <= float(number) <= 1 for number in line.split()[-3:])
+    start = next(index for index, line in enumerate(said) if line.startswith("step"))
+    for line in said[start + 1 : start + 6]:
+        _, _, total, aleatoric, epistemic, _ = map(float, line.split())
+        if epistemic > 0:
+            assert total**2 == pytest.approx(aleatoric**2 + epistemic**2, rel=0.01)
+        else:  # estimated without bias, so by chance below zero
+            assert total <= aleatoric
+    check(path)
+    assert properties(path)["samples"] == 20
+    found = entities(path)
+    assert "/scenario_2/success/forecast" in found
+    assert "/scenario_2/spread" in found
+
+
+def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) -> None:
+    cell = "uav/high/full_vae/seed-0"
+    given = ["--cell", cell, "--scenario", 0, "--out", shipped, "--save", tmp_path / "a.rrd"]
+    done = study("forecast", *given)
+    assert done.code == 0
+    assert [line.split()[3:5] for line in done.out.splitlines() if line.startswith("12 ")] == [
+        ["–", "–"]
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--scenario", 8], "--scenario: got 8; the test set has 8, 0 to 7"),
+        (["--scenario", -1], "--scenario: got -1"),
+        ([], "--scenario: its value is missing"),
+        (["--scenario", 0, "--samples", 1], "--samples: got 1; it must be at least 2"),
+        (["--scenario", 0, "--save", "a.rr"], "a recording is a .rrd file"),
+        (["--scenario", 0, "--write", "a.txt"], ".csv or a .json file"),
+        (["--scenario", 0, "--sample", 3], "did you mean '--samples'?"),
+        (["--scenario", "one"], "--scenario: got 'one'; it must be a whole number"),
+        (["--file", "none.csv"], "there is no file 'none.csv'"),
+        (["--file", "plan.txt"], "a plan is a .csv or a .json file"),
+        (["--scenario", 0, "--cell", "uav/high/residual_va/seed-0"], f"did you mean '{CELL}'?"),
+        (["--scenario", 0, "--out", "results/no_such"], "there is no study in 'results/no_such'"),
+    ],
+    ids=str,
+)
+def test_one_line_about_what_cannot_be(shipped: Path, arguments: list[object], said: str) -> None:
+    done = study("forecast", "--cell", CELL, "--out", shipped, *arguments)
+    assert done.code == 2
+    assert said in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("harm", ["flip", "remove"])
+def test_damaged_weights(shipped: Path, tmp_path: Path, harm: str) -> None:
+    out = Path(shutil.copytree(shipped, tmp_path / "out"))
+    path = out / "weights" / f"{CELL}.safetensors"
+    if harm == "flip":
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1
+        path.write_bytes(content)
+    else:
+        path.unlink()
+    done = study("forecast", "--cell", CELL, "--scenario", 0, "--out", out)
+    assert done.code == 1
+    assert done.err.startswith(f"error: {path} is {'damaged' if harm == 'flip' else 'missing'}")
+    assert done.err.count("\n") == 1
+
+
+def plan_columns() -> Columns:
+    """A plan of the cart's, of four steps."""
+    return {
+        "s0": {"x": 0.5, "v": -0.25},
+        "task": {"target": 1.0},
+        "action": {"force": [0.1, 0.2, -1.0, 1.0]},
+    }
+
+
+def drop(group: str, name: str) -> Callable[[Columns], object]:
+    return lambda columns: columns[group].pop(name)
+
+
+def put(group: str, name: str, value: object) -> Callable[[Columns], object]:
+    return lambda columns: columns.setdefault(group, {}).update({name: value})
+
+
+WRONG = [
+    (drop("s0", "v"), "missing: s0.v (velocity, m/s)"),
+    (drop("action", "force"), "missing: action.force (push, N)"),
+    (put("task", "taget", 0.0), "unknown column 'task.taget'"),
+    (put("goal", "x", 0.0), "unknown column 'goal.x'"),
+    (put("s0", "x", [0.0, 1.0]), "s0.x: got 2 values; it takes 1"),
+    (put("s0", "x", []), "s0.x: got 0 values; it takes 1"),
+    (put("action", "force", []), "got 0 control steps; there must be 1 to 20"),
+    (put("action", "force", [0.0] * 21), "got 21 control steps; there must be 1 to 20"),
+    (put("action", "force", [0.0, 1.5]), "action.force, step 1: got 1.5; it must be -1 to 1 N"),
+    (put("action", "force", [0.0, float("nan")]), "step 1: got nan; it must be a finite number"),
+    (put("s0", "v", "fast"), "s0.v: got 'fast'; it must be a number"),
+    (put("s0", "v", float("inf")), "s0.v: got inf; it must be a finite number"),
+]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+@pytest.mark.parametrize(("wrong", "said"), WRONG, ids=[said for _, said in WRONG])
+def test_one_line_about_a_plan(
+    tmp_path: Path, wrong: Callable[[Columns], object], said: str, suffix: str
+) -> None:
+    columns, path = plan_columns(), tmp_path / f"plan.{suffix}"
+    wrong(columns)
+    write(columns, path)
+    with pytest.raises(BadInput) as raised:
+        read_plan(path, Cart())
+    assert said in str(raised.value)
+    assert str(path) in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+def test_a_plan_is_read_as_it_was_written(tmp_path: Path, suffix: str) -> None:
+    generator = np.random.default_rng(0)
+    given = Plan(*(generator.uniform(-1, 1, shape).astype(np.float32) for shape in (2, 1, (7, 1))))
+    path = tmp_path / f"plan.{suffix}"
+    write_plan(path, Cart(), given)
+    found = read_plan(path, Cart())
+    for one, other in zip(vars(given).values(), vars(found).values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert other.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "it is empty"),
+        ("s0.x,s0.x\n1,2\n", "column 's0.x' stands there twice"),
+        ("s0.x,s0.v\n1,2,3\n", "row 1 has 3 cells; the header has 2"),
+        ("s0.x,s0.v,task.target,action.force\n0,0,0,1\n,,,\n,,,1\n", "step 1: got ''"),
+    ],
+)
+def test_one_line_about_a_csv(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "plan.csv"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=said):
+        read_plan(path, Cart())
+
+
+@pytest.mark.parametrize(("text", "said"), [("{", "not JSON"), ("[1]", "of the form")])
+def test_one_line_about_json(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=said):
+        read_plan(path, Cart())
+
+
+def write(columns: Columns, path: Path) -> None:
+    """Write a plan as someone would by hand."""
+    if path.suffix == ".json":
+        path.write_text(json.dumps(columns))
+        return
+    values = {
+        f"{group}.{name}": value if isinstance(value, list) else [value]
+        for group, members in columns.items()
+        for name, value in members.items()
+    }
+    rows = [
+        ",".join(str(v[row]) if row < len(v) else "" for v in values.values())
+        for row in range(max(map(len, values.values())))
+    ]
+    path.write_text("\n".join([",".join(values), *rows]))

@@ -1,0 +1,23 @@
+"""An environment that fails, if the environment variable QUICKSAND says how."""
+
+import os
+
+from study.common.seeds import Seeds
+from study.data.trajectories import Floats
+from study.envs import Rollout, register
+from study.examples.cart import Cart
+
+
+@register("quicksand")
+class Quicksand(Cart):
+    """The cart, which now and then sinks."""
+
+    name = "quicksand"
+    title = "Quicksand"
+
+    def rollout(self, s0: Floats, actions: Floats, seeds: Seeds | None = None) -> Rollout:
+        if os.environ.get("QUICKSAND") == "raise":
+            raise FloatingPointError("the cart sank")
+        if os.environ.get("QUICKSAND") == "exit":
+            os._exit(7)
+        return super().rollout(s0, actions, seeds)

@@ -1,0 +1,106 @@
+"""The recording of a whole study: the same numbers as in the scores of its cells."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rerun.chunk import RrdReader
+
+from study.config.grid import Cell
+from study.plotting import style
+from study.plotting.palette import MODELS
+from study.recording import reading
+from study.recording.integrity import check
+from study.recording.study import record_study
+from tests.helpers import recordings
+
+PROPERTIES = {"study": "toy", "seeds": "0", "config": '{"name": "toy"}'}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("study") / "recordings" / "study.rrd"
+    beside = path.parent / "puck/low/full_vae/seed-0"
+    beside.mkdir(parents=True)
+    for name in ("forecast.rrd", "forecast.rrd.sha256", "tuning.rrd"):
+        (beside / name).touch()
+    record_study(path, recordings.study_scores(), recordings.TEXTS, PROPERTIES)
+    return path
+
+
+def _cells(table: pd.DataFrame) -> list[Cell]:
+    columns = ["environment", "level", "model", "seed"]
+    return [Cell(*row) for row in table[columns].drop_duplicates().itertuples(index=False)]
+
+
+def document(path: Path, entity: str) -> str:
+    """The Markdown of a panel."""
+    for chunk in RrdReader(path).stream().filter(content=[entity]):
+        batch = chunk.to_record_batch()
+        if "TextDocument:text" in batch.schema.names:
+            return str(batch.column("TextDocument:text").to_pylist()[0][0])
+    raise KeyError(entity)
+
+
+def same_numbers(path: Path, table: pd.DataFrame) -> None:
+    """Every cell's curve and overall scores are those of the table."""
+    whole = table[(table["dimension"] == "all") & (table["scenario"] == -1)].set_index(
+        ["environment", "level", "model", "seed"]
+    )
+    curves = reading.scalars_below(path, "/mmd2")
+    assert set(curves) == {f"/mmd2/{cell.name}" for cell in _cells(table)}
+    for cell in _cells(table):
+        own = whole.loc[[(cell.environment, cell.level, cell.model, cell.seed)]]
+        rows = own[(own["metric"] == "mmd2") & (own["step"] > 0)].sort_values("step")
+        curve = curves[f"/mmd2/{cell.name}"]
+        assert curve.index.name == "horizon"
+        assert list(curve.index) == list(rows["step"])
+        assert list(curve["value"]) == list(rows["value"])
+        for metric in ("mmd2", "brier", "variance_ratio"):
+            expected = own[(own["metric"] == metric) & (own["step"] == -1)]["value"].item()
+            assert reading.scalars(path, f"/overall/{metric}")[cell.name].item() == expected
+
+
+def test_the_same_numbers_as_in_the_scores(path: Path) -> None:
+    same_numbers(path, recordings.study_scores())
+    check(path)
+
+
+def test_the_ruler_comes_with_the_oracle(path: Path) -> None:
+    table = recordings.study_scores()
+    own = (table["environment"] == "sledge") & (table["metric"] == "mmd2_shift_1")
+    mean = table[own & (table["step"] > 0)].groupby("step")["value"].mean()
+    ruler = reading.scalars(path, "/ruler/sledge/mmd2_shift_1")["value"]
+    np.testing.assert_allclose(ruler, mean)
+
+
+def test_properties_come_back(path: Path) -> None:
+    assert reading.properties(path) == PROPERTIES
+
+
+def test_cells_recordings_are_linked_by_name(path: Path) -> None:
+    text = document(path, "/text/Cells")
+    (row,) = [line for line in text.splitlines() if "puck/low/full_vae/seed-0" in line]
+    assert row.endswith("| forecast, tuning |")
+    assert sum(line.endswith("| none |") for line in text.splitlines()) == 15
+
+
+def test_texts_are_what_was_given_without_html(path: Path) -> None:
+    assert document(path, "/text/Claims") == recordings.TEXTS["Claims"]
+    assert "| low | **0.2** · paper 0.3 |" in document(path, r"/text/Brier\ scores")
+
+
+def test_colours_are_those_of_the_figures() -> None:
+    for model, colour in style.COLOURS.items():
+        assert MODELS[model] == (*bytes.fromhex(colour[1:]), 255)
+
+
+def test_several_seeds_and_values_that_are_not_finite(tmp_path: Path) -> None:
+    table = recordings.study_scores(seeds=3)
+    worst = (table["metric"] == "mmd2") & (table["step"] == 5) & (table["seed"] == 1)
+    table.loc[worst, "value"] = np.inf
+    record_study(tmp_path / "study.rrd", table, {}, {})
+    curve = reading.scalars(tmp_path / "study.rrd", "/mmd2/puck/high/drift/seed-1")["value"]
+    assert np.isnan(curve[5])
+    assert np.isfinite(curve.drop(5)).all()

@@ -1,0 +1,126 @@
+"""Order, side by side, and what becomes of the rest when a task fails."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from study.workflow.scheduler import longest_first, run_tasks
+from study.workflow.store import Store, Task
+from study.workflow.worker import Outcome
+
+
+class Pretend(Executor):
+    """Ends tasks one at a time, the latest first, and runs none of them."""
+
+    def __init__(self, ends: Callable[[Task], Outcome]) -> None:
+        self.ends, self.open, self.most = ends, list[tuple[Task, Future[Any]]](), 0
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.open.append((args[0], future))
+        self.most = max(self.most, len(self.open))
+        return future
+
+    def end_one(self) -> None:
+        task, future = self.open.pop()
+        try:
+            future.set_result(self.ends(task))
+        except RuntimeError as error:
+            future.set_exception(error)
+
+
+def diamond() -> list[Task]:
+    top = Task("collect", "top", {})
+    sides = [Task("train", f"side {n}", {"n": n}, {"data": top}) for n in range(3)]
+    alone = Task("collect", "alone", {"n": 9})
+    last = Task("record", "last", {}, {"left": sides[0], "right": sides[1]})
+    return [top, *sides, last, alone]
+
+
+def go(
+    store: Store, workers: int, ends: Callable[[Task], Outcome], monkeypatch: pytest.MonkeyPatch
+) -> tuple[dict[str, str], list[str], int]:
+    """The errors, the order in which tasks ended, and how many were open at most."""
+    pretend, ended = Pretend(ends), list[str]()
+
+    def wait(futures: Any, return_when: str) -> tuple[set[Any], set[Any]]:
+        if pretend.open:
+            pretend.end_one()
+        return {future for future in futures if future.done()}, set()
+
+    monkeypatch.setattr("study.workflow.scheduler.wait", wait)
+    errors = run_tasks(
+        diamond(), store, pretend, workers, 1, lambda _: None, lambda o: ended.append(o.task.label)
+    )
+    return {task.label: error for task, error in errors.items()}, ended, pretend.most
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_after_what_it_reads_and_as_many_as_fit(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors, ended, most = go(Store(tmp_path), workers, lambda t: Outcome(t, 1.0), monkeypatch)
+    assert errors == {}
+    assert len(ended) == len(set(ended)) == 6
+    for task in diamond():
+        for source in task.inputs.values():
+            assert ended.index(source.label) < ended.index(task.label)
+    assert most == workers
+
+
+def test_the_others_finish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+
+    def ends(task: Task) -> Outcome:
+        return Outcome(task, 1.0, "ValueError: no" if task.label == "side 1" else None)
+
+    errors, ended, _ = go(store, 2, ends, monkeypatch)
+    assert errors == {"side 1": "ValueError: no", "last": "not run: train side 1 failed"}
+    assert len(ended) == 6
+    failed = next(task for task in diamond() if task.label == "side 1")
+    assert store.failure(failed).read_text() == "ValueError: no\n"
+
+
+def test_a_lost_worker_is_one_failed_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ends(task: Task) -> Outcome:
+        if task.label == "alone":
+            raise RuntimeError("killed\nby signal 9")
+        return Outcome(task, 1.0)
+
+    errors, ended, _ = go(Store(tmp_path), 1, ends, monkeypatch)
+    assert errors == {"alone": "the worker was lost (RuntimeError: killed by signal 9)"}
+    assert len(ended) == 6
+
+
+def test_the_longest_way_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = diamond()
+    labels = [task.label for task in longest_first(tasks)]
+    assert labels == ["top", "side 0", "side 1", "side 2", "last", "alone"]
+    started = list[str]()
+    pretend = Pretend(lambda task: Outcome(task, 1.0))
+
+    def wait(futures: Any, return_when: str) -> tuple[set[Any], set[Any]]:
+        pretend.end_one()
+        return {future for future in futures if future.done()}, set()
+
+    monkeypatch.setattr("study.workflow.scheduler.wait", wait)
+    run_tasks(
+        [tasks[-1], *tasks[:-1]],
+        Store(tmp_path),
+        pretend,
+        1,
+        1,
+        lambda task: started.append(task.label),
+        lambda _: None,
+    )
+    assert started == ["top", "side 0", "side 1", "alone", "side 2", "last"]
+
+
+def test_what_is_up_to_date_counts_for_nothing() -> None:
+    """Of a long way that has been gone, what is left counts."""
+    _, side, *_, last, alone = diamond()
+    order = longest_first([alone, side, last])
+    assert [task.label for task in order] == ["side 0", "alone", "last"]

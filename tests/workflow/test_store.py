@@ -1,0 +1,124 @@
+"""Folders named by what made them: whole or not there, and found out when damaged."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from study.workflow.store import MANIFEST, Store, Task
+
+
+def task(value: int = 1, inputs: Mapping[str, Task] | None = None, **extra: Any) -> Task:
+    return Task("train", "a/b", {"train": {"steps": value, "batch": 8}}, inputs or {}, **extra)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path)
+
+
+def finish(store: Store, of: Task, text: str = "weights") -> Path:
+    out = store.begin(of, resumable=False)
+    (out / "deep").mkdir()
+    (out / "deep" / "model.bin").write_text(text)
+    store.finish(of, {"seconds": 1.5})
+    return store.folder(of)
+
+
+def test_the_key_is_of_settings_and_inputs_alone() -> None:
+    assert task().key == task().key
+    assert task().key == task(plugins=("mine",)).key
+    different = {task(2).key, task(inputs={"data": task(3)}).key, task(inputs={"x": task(3)}).key}
+    assert len(different | {task().key, task(inputs={"data": task(4)}).key}) == 5
+
+
+def test_finished_is_up_to_date(store: Store) -> None:
+    assert store.why_not(task()) == "missing"
+    finish(store, task())
+    assert store.why_not(task()) is None
+    assert store.timing(task()) == {"seconds": 1.5}
+    assert not store.partial(task()).exists()
+
+
+def test_the_same_task_leaves_the_same_manifest(store: Store) -> None:
+    first = (finish(store, task()) / MANIFEST).read_bytes()
+    assert (finish(store, task()) / MANIFEST).read_bytes() == first
+
+
+def test_begun_is_not_finished(store: Store) -> None:
+    (store.begin(task(), resumable=False) / "half").write_text("…")
+    assert store.why_not(task()) == "missing"
+
+
+def test_what_was_left(store: Store) -> None:
+    def left(resumable: bool) -> bool:
+        return (store.begin(task(), resumable) / "half").exists()
+
+    (store.begin(task(), resumable=True) / "half").write_text("…")
+    assert left(resumable=True)
+    assert not left(resumable=False)
+    (store.begin(task(), resumable=True) / "half").write_text("…")
+    store.failure(task()).parent.mkdir(parents=True, exist_ok=True)
+    store.failure(task()).write_text("it may be why it failed\n")
+    assert not left(resumable=True)
+    assert not store.failure(task()).exists()
+
+
+def _flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def _truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _swap(path: Path) -> None:
+    """A folder where a file should be."""
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize("harm", [_flip, _truncate, Path.unlink, _swap])
+@pytest.mark.parametrize("name", ["deep/model.bin", MANIFEST])
+def test_damage_is_named_and_made_good(
+    store: Store, harm: Callable[[Path], None], name: str
+) -> None:
+    folder = finish(store, task())
+    whole = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    harm(folder / name)
+    assert store.why_not(task()) == f"damaged: {folder / name}"
+    finish(store, task())
+    assert store.why_not(task()) is None
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == whole
+
+
+def test_every_bit_of_the_manifest_counts(store: Store) -> None:
+    path = finish(store, task()) / MANIFEST
+    whole = path.read_bytes()
+    for position in range(len(whole)):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 2]) + whole[position + 1 :])
+        damaged = store.why_not(task())
+        path.write_bytes(whole)
+        # Of the facts that nobody acts upon, only what makes it unreadable is damage.
+        acted_upon = whole.index(b'"files"') <= position < whole.index(b'"inputs"')
+        assert damaged or not acted_upon, position
+    assert store.why_not(task()) is None
+
+
+def test_why_it_has_to_run_says_what_changed(store: Store) -> None:
+    data, other = Task("collect", "a", {"n": 1}), Task("collect", "a", {"n": 2})
+    finish(store, task(1, {"data": data}))
+    assert store.why_not(task(2, {"data": data})) == "config changed: train.steps 1 → 2"
+    assert store.why_not(task(1, {"data": other})) == "input changed: data"
+    assert store.why_not(Task("train", "another", {})) == "missing"
+
+
+def test_progress_of_killed_tasks_is_forgotten(store: Store) -> None:
+    path = store.progress(task())
+    path.parent.mkdir(parents=True)
+    path.write_text("{}")
+    store.forget_progress()
+    assert not path.exists()
