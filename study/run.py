@@ -253,10 +253,10 @@ def forecast(command: Command) -> int:
         print(command.write)
         return 0
     with Bar(_console()) as bar:
-        pick = answer(question, plan, bar)
-    print_answer(_console(), question, simulator, pick)
+        example = answer(question, plan, bar)
+    print_answer(_console(), question, simulator, example)
     path = Path(command.save or Path(tempfile.mkdtemp(prefix="study-"), "forecast.rrd"))
-    save(path, question, simulator, pick)
+    save(path, question, simulator, example)
     if command.save is None:
         open_viewer([path])
     print(f"\nrecording: {path}")

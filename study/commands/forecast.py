@@ -24,15 +24,16 @@ from study.config.grid import Cell
 from study.data.plan_files import Plan, read_plan
 from study.data.trajectories import ScenarioSet, joined
 from study.envs import Simulator
+from study.envs.observe import real_system, repeat_rollouts, sample_planned, trajectory_seeds
 from study.models import Forecaster
 from study.models.checkpoints import load_model
-from study.recording.forecasts import Pick, record_forecast
+from study.models.forecasting import picked
+from study.models.oracle import Oracle
+from study.recording.examples import as_example, position_variance
+from study.recording.forecasts import Example, record_forecast
 from study.recording.properties import table
 from study.results import checksums
 from study.results.folder import Stored
-from study.stages.collect import draw_planned, real_system, repeat_rollouts, trajectory_seeds
-from study.stages.evaluate import Oracle, picked
-from study.stages.record import as_pick, position_variance
 from study.workflow.pipeline import Pipeline
 
 STEPS = 5
@@ -93,11 +94,11 @@ def read_scenario(question: Question) -> Plan:
     if question.file is not None:
         return read_plan(question.file, simulator)
     seeds, _ = trajectory_seeds(derive(seed, "test"), question.scenario + 1)
-    scenario, actions = draw_planned(simulator, seeds[-1:])
-    return Plan(scenario.s0[0], scenario.task[0], actions[0])
+    scenario, actions = sample_planned(simulator, seeds[-1:])
+    return Plan(scenario.s0[0], scenario.goal[0], actions[0])
 
 
-def answer(question: Question, plan: Plan, progress: Progress) -> Pick:
+def answer(question: Question, plan: Plan, progress: Progress) -> Example:
     """Observed runs and forecasts of a plan.
 
     Raises:
@@ -116,7 +117,7 @@ def answer(question: Question, plan: Plan, progress: Progress) -> Pick:
     forecasts = forecaster.forecast(test.s0, test.actions, samples, seeds)
     progress(1.0, "forecasting")
     arrays = picked(forecaster, test, forecasts, seeds, np.array([0]))
-    return as_pick(arrays, 0, simulator, None, question.title)
+    return as_example(arrays, 0, simulator, None, question.title)
 
 
 def load_forecaster(study: Stored, cell: Cell, simulator: Simulator) -> Forecaster:
@@ -141,58 +142,60 @@ def load_forecaster(study: Stored, cell: Cell, simulator: Simulator) -> Forecast
     )
 
 
-def print_answer(console: Console, question: Question, simulator: Simulator, pick: Pick) -> None:
+def print_answer(
+    console: Console, question: Question, simulator: Simulator, example: Example
+) -> None:
     """Print the probability of each outcome, and the split of the spread at a few steps."""
     console.print(
-        f"{question.cell.name}, {question.title}\n{len(pick.forecast)} forecasts and "
-        f"{len(pick.observed)} observed runs of {len(pick.actions)} steps, "
-        f"{simulator.control_step * len(pick.actions):.3g} s",
+        f"{question.cell.name}, {question.title}\n{len(example.forecast)} forecasts and "
+        f"{len(example.observed)} observed runs of {len(example.actions)} steps, "
+        f"{simulator.control_step * len(example.actions):.3g} s",
         soft_wrap=True,
     )
-    lost = int((~np.isfinite(pick.forecast).all(axis=(1, 2))).sum())
+    lost = int((~np.isfinite(example.forecast).all(axis=(1, 2))).sum())
     if lost:
         console.print(f"{lost} forecasts are not finite: they count as none of the outcomes")
-    _print(console, OUTCOMES, outcome_rows(simulator, pick))
-    _print(console, SPREAD, spread_rows(simulator, pick))
+    _print(console, OUTCOMES, outcome_rows(simulator, example))
+    _print(console, SPREAD, spread_rows(simulator, example))
 
 
 OUTCOMES = ("outcome", "forecast", "±", "observed")
 SPREAD = ("step", "time [s]", "total [m]", "aleatoric [m]", "epistemic [m]", "observed [m]")
 
 
-def outcome_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
+def outcome_rows(simulator: Simulator, example: Example) -> list[tuple[str, ...]]:
     """The rows of `OUTCOMES`: shares of the runs; ± is the standard error of so many forecasts."""
     rows: list[tuple[str, ...]] = []
-    for name, (share, seen) in outcome_shares(simulator, pick).items():
-        error = np.sqrt(share * (1 - share) / len(pick.forecast))
+    for name, (share, seen) in outcome_shares(simulator, example).items():
+        error = np.sqrt(share * (1 - share) / len(example.forecast))
         rows.append((name, f"{share:.3f}", f"{error:.3f}", f"{seen:.3f}"))
     return rows
 
 
-def outcome_shares(simulator: Simulator, pick: Pick) -> dict[str, tuple[float, float]]:
-    """The shares of forecasts and of observed runs with each outcome, the task itself first.
+def outcome_shares(simulator: Simulator, example: Example) -> dict[str, tuple[float, float]]:
+    """The shares of forecasts and of observed runs with each outcome, the goal itself first.
 
     As in the scores, a forecast that is not finite has none of them.
     """
-    finite = np.isfinite(pick.forecast).all(axis=(1, 2))
-    forecast = simulator.outcomes(pick.forecast, pick.task[None])
-    observed = simulator.outcomes(pick.observed, pick.task[None])
+    finite = np.isfinite(example.forecast).all(axis=(1, 2))
+    forecast = simulator.outcomes(example.forecast, example.goal[None])
+    observed = simulator.outcomes(example.observed, example.goal[None])
     return {
         name: (float((happens & finite).mean()), float(observed[name].mean()))
         for name, happens in forecast.items()
     }
 
 
-def spread_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
+def spread_rows(simulator: Simulator, example: Example) -> list[tuple[str, ...]]:
     """The rows of `SPREAD`: standard deviations of the position.
 
     Their squares add up, but where the epistemic variance, which is estimated without bias, is by
     chance below zero: it is told as 0.
     """
-    parts = position_variance(simulator, pick.forecast, pick.member)
-    observed = position_variance(simulator, pick.observed).total
-    steps = np.unique(np.linspace(0, len(pick.actions), STEPS + 1).round().astype(int)[1:])
-    split = pick.member is not None
+    parts = position_variance(simulator, example.forecast, example.member)
+    observed = position_variance(simulator, example.observed).total
+    steps = np.unique(np.linspace(0, len(example.actions), STEPS + 1).round().astype(int)[1:])
+    split = example.member is not None
     each = (parts.total, parts.aleatoric, parts.epistemic, observed)
     rows: list[tuple[str, ...]] = []
     for step in steps:
@@ -202,7 +205,7 @@ def spread_rows(simulator: Simulator, pick: Pick) -> list[tuple[str, ...]]:
     return rows
 
 
-def save(path: Path, question: Question, simulator: Simulator, pick: Pick) -> None:
+def save(path: Path, question: Question, simulator: Simulator, example: Example) -> None:
     """Write the recording: outcomes, fans and split.
 
     Raises:
@@ -210,18 +213,18 @@ def save(path: Path, question: Question, simulator: Simulator, pick: Pick) -> No
     """
     # The panel is narrow, and the spread has a plot.
     rows = [("outcome", "forecast", "observed")]
-    rows += [(name, share, seen) for name, share, _, seen in outcome_rows(simulator, pick)]
+    rows += [(name, share, seen) for name, share, _, seen in outcome_rows(simulator, example)]
     cell = question.cell
     properties = {
         "cell": cell.name,
         **asdict(cell),
         "forecast": question.title,
-        "samples": len(pick.forecast),
+        "samples": len(example.forecast),
         **made_with(),
         "config": json.dumps(asdict(question.study.config), sort_keys=True),
     }
     try:
-        record_forecast(path, simulator, [pick], properties, README, table(rows[0], rows[1:]))
+        record_forecast(path, simulator, [example], properties, README, table(rows[0], rows[1:]))
     except OSError as error:
         raise BadInput(f"--save: cannot write '{path}': {error}") from None
 
@@ -246,9 +249,9 @@ def _load(study: Stored, cell: Cell) -> Forecaster:
 def _observed(
     simulator: Simulator, plan: Plan, rollouts: int, noise: Seeds, progress: Progress
 ) -> ScenarioSet:
-    s0, actions, task = plan.s0[None], plan.actions[None], plan.task[None]
+    s0, actions, goal = plan.s0[None], plan.actions[None], plan.goal[None]
     parts = repeat_rollouts(simulator, s0, actions, rollouts, noise, progress)
-    return joined(ScenarioSet(s0, actions, task, *part, {}) for part in parts)
+    return joined(ScenarioSet(s0, actions, goal, *part, {}) for part in parts)
 
 
 def _deviation(variance: float) -> str:

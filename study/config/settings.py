@@ -242,12 +242,12 @@ class Evaluate:
     Args:
         samples: forecasts K of each scenario.
         bandwidth: factor on the Gaussian kernel's bandwidth (1 is the median heuristic).
-        picks: scenarios whose forecasts are kept for the recordings.
+        examples: scenarios whose forecasts are kept for the recordings.
     """
 
     samples: int = setting(40, low=2)
     bandwidth: float = setting(1.0, low=1e-3, high=1e3)
-    picks: int = setting(7, low=1)
+    examples: int = setting(7, low=1)
 
 
 @dataclass(frozen=True)

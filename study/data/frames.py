@@ -19,10 +19,10 @@ from torch import Tensor
 Indices = NDArray[np.int64]
 
 
-def turned_pairs(facts: dict[str, Any]) -> Indices:
+def rotating_pairs_of(facts: dict[str, Any]) -> Indices:
     """Columns (a, b, ψ) of the pairs that the facts of a data set name, [P, 3]."""
     columns = {variable["name"]: column for column, variable in enumerate(facts.get("state", ()))}
-    pairs = [[columns[name] for name in pair] for pair in facts.get("turned", ())]
+    pairs = [[columns[name] for name in pair] for pair in facts.get("rotating_pairs", ())]
     return np.array(pairs, dtype=np.int64).reshape(-1, 3)
 
 

@@ -10,7 +10,7 @@ In our own format or in Minari's, a data set loads in one line::
 An episode is a trajectory as `SimulatorEnv` would have given it: the same observations, actions,
 rewards and ends. ``dataset.recover_environment()`` makes that environment, and nothing need be
 imported for it but what a `--plugins` of one's own registers. Metadata of an episode hold the
-``options`` with which ``reset`` begins that very trajectory, and ``hidden`` [H], what acted on it.
+``options`` with which ``reset`` begins that very trajectory, and ``unobserved`` [H], what acted on it.
 Metadata of the data set hold under ``study`` the facts of `Trajectories`: names, units, seed and
 versions; and the SHA-256 of the data file.
 """
@@ -31,14 +31,14 @@ from study.config.settings import Config
 from study.data.trajectories import Trajectories, joined
 from study.envs import Simulator, gymnasium_id
 from study.envs.gymnasium_env import SimulatorEnv
+from study.envs.observe import observe_training, real_system, trajectory_seeds
 from study.envs.simulator import Booleans, Doubles, Floats
-from study.stages.collect import observe_training, real_system, trajectory_seeds
 
 DESCRIPTION = """\
 Trajectories of {environment}: a policy plans each on the noise-free system, and the noisy one \
-executes the plan open loop. Observations are the state, then the task, in the units given under \
+executes the plan open loop. Observations are the state, then the goal, in the units given under \
 "study"; actions are scaled to -1 and 1 at their bounds; the reward is 1 at the step at which the \
-task first succeeds. Each episode's metadata have the options of `reset` that begin it again."""
+goal first succeeds. Each episode's metadata have the options of `reset` that begin it again."""
 
 
 @dataclass(frozen=True)
@@ -143,11 +143,11 @@ def prepare(config: Config, environment: str, root: Path | None = None) -> Expor
 
 def transitions(environment: SimulatorEnv, trajectories: Trajectories) -> Transitions:
     """What stepping `environment` through each of `trajectories` would have given."""
-    states, task = trajectories.states, trajectories.task
+    states, goal = trajectories.states, trajectories.goal
     count, horizon = trajectories.actions.shape[:2]
-    repeated = np.broadcast_to(task[:, None], (count, horizon + 1, task.shape[-1]))
+    repeated = np.broadcast_to(goal[:, None], (count, horizon + 1, goal.shape[-1]))
     # Of each state alone, as a trajectory of one step: [N, T].
-    reached = environment.simulator.outcome(states[:, 1:, None], task[:, None])
+    reached = environment.simulator.outcome(states[:, 1:, None], goal[:, None])
     truncations = np.zeros((count, horizon), np.bool_)
     truncations[:, -1] = True
     return Transitions(
@@ -176,7 +176,9 @@ def _write_data(
         data_format="hdf5",  # what every version of Minari reads
     )
     storage.update_episodes(_episodes(transitions(environment, trajectories), trajectories))
-    storage.update_episode_metadata({"hidden": hidden} for hidden in trajectories.hidden)
+    storage.update_episode_metadata(
+        {"unobserved": unobserved} for unobserved in trajectories.unobserved
+    )
     checksums = {path.name: sha256(path) for path in folder.glob("*.hdf5")}
     storage.update_metadata(
         {

@@ -1,6 +1,6 @@
 """Standard units: every learned model works on states and actions of zero mean and unit scale.
 
-Pairs that an environment names are turned first (`study.data.frames`)."""
+Pairs that an environment names are pairs first (`study.data.frames`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from study.data.frames import Indices, turn, turned_pairs
+from study.data.frames import Indices, rotating_pairs_of, turn
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
 
@@ -23,43 +23,43 @@ PART = 1000
 
 
 @dataclass(frozen=True)
-class Scaling:
+class Normalization:
     """Means and standard deviations over all trajectories and steps of a training set.
 
     Attributes:
         state_mean, state_scale: [D] float32.
         action_mean, action_scale: [A] float32.
-        change_scale: [D] float32, standard deviation of s_{t+1} − s_t in standard units.
-        turned: [P, 3] int64, the pairs and their angles.
+        delta_std: [D] float32, standard deviation of s_{t+1} − s_t in standard units.
+        rotating_pairs: [P, 3] int64, the pairs and their angles.
     """
 
     state_mean: Floats
     state_scale: Floats
     action_mean: Floats
     action_scale: Floats
-    change_scale: Floats
-    turned: Indices
+    delta_std: Floats
+    rotating_pairs: Indices
 
     @classmethod
-    def of(cls, trajectories: Trajectories) -> "Scaling":
+    def of(cls, trajectories: Trajectories) -> "Normalization":
         """Measure a training set."""
         states, actions = trajectories.states, trajectories.actions
-        turned = turned_pairs(trajectories.facts)
+        pairs = rotating_pairs_of(trajectories.facts)
 
         def level(part: Floats) -> Floats:
-            return turn(_copy(part), torch.from_numpy(turned)).numpy()
+            return turn(_copy(part), torch.from_numpy(pairs)).numpy()
 
         state_mean, state_scale = _measure(states, level)
         action_mean, action_scale = _measure(actions)
-        _, change_scale = _measure(states, lambda part: np.diff(level(part), axis=1) / state_scale)
-        return cls(state_mean, state_scale, action_mean, action_scale, change_scale, turned)
+        _, delta_std = _measure(states, lambda part: np.diff(level(part), axis=1) / state_scale)
+        return cls(state_mean, state_scale, action_mean, action_scale, delta_std, pairs)
 
-    def standard_states(self, states: Floats) -> Tensor:
+    def normalize_states(self, states: Floats) -> Tensor:
         """[..., D] in SI units to standard units."""
-        level = turn(_copy(states), torch.from_numpy(self.turned))
+        level = turn(_copy(states), torch.from_numpy(self.rotating_pairs))
         return _standard(level, self.state_mean, self.state_scale)
 
-    def standard_actions(self, actions: Floats) -> Tensor:
+    def normalize_actions(self, actions: Floats) -> Tensor:
         """[..., A] in SI units to standard units."""
         return _standard(_copy(actions), self.action_mean, self.action_scale)
 

@@ -7,12 +7,12 @@ front, since a UAV's state and its action both have a ``vx``:
 column                  of the UAV, say                     values
 ======================  ==================================  =======================================
 ``s0.NAME``             ``s0.x`` … ``s0.battery``           one: the state at the start
-``task.NAME``           ``task.target_x`` …                 one: what is asked for; no model sees it
+``goal.NAME``           ``goal.target_x`` …                 one: what is asked for; no model sees it
 ``action.NAME``         ``action.vx`` … ``action.yaw_rate``  T: the action of each control step
 ======================  ==================================  =======================================
 
 In CSV the first row under the header has all of them, and the rows after it leave ``s0`` and
-``task`` empty. In JSON they are ``{"s0": {"x": 0.0, …}, "task": {…}, "action": {"vx": [0.0, …]}}``.
+``goal`` empty. In JSON they are ``{"s0": {"x": 0.0, …}, "goal": {…}, "action": {"vx": [0.0, …]}}``.
 """
 
 import csv
@@ -34,10 +34,10 @@ FORMATS = (".csv", ".json")
 
 @dataclass(frozen=True)
 class Plan:
-    """What a forecast begins from: s0 [D], task [G] and actions [T, A], float32 in SI units."""
+    """What a forecast begins from: s0 [D], goal [G] and actions [T, A], float32 in SI units."""
 
     s0: Floats
-    task: Floats
+    goal: Floats
     actions: Floats
 
 
@@ -66,7 +66,7 @@ def write_plan(path: Path, simulator: Simulator, plan: Plan) -> None:
     Raises:
         BadInput: the file is neither CSV nor JSON, or cannot be written.
     """
-    rows = {"s0": plan.s0[None], "task": plan.task[None], "action": plan.actions}
+    rows = {"s0": plan.s0[None], "goal": plan.goal[None], "action": plan.actions}
     columns = {
         # The shortest digits that give the same float32.
         f"{group}.{variable.name}": [str(value) for value in rows[group][:, index]]
@@ -83,7 +83,7 @@ def write_plan(path: Path, simulator: Simulator, plan: Plan) -> None:
 
 
 def _groups(simulator: Simulator) -> dict[str, tuple[Variable, ...]]:
-    return {"s0": simulator.state, "task": simulator.task, "action": simulator.action}
+    return {"s0": simulator.state, "goal": simulator.goal, "action": simulator.action}
 
 
 def _read_csv(path: Path) -> Columns:
@@ -115,7 +115,7 @@ def _read_json(path: Path) -> Columns:
     except ValueError as error:
         raise BadInput(f"it is not JSON: {error}") from None
     if not isinstance(content, dict) or not all(isinstance(v, dict) for v in content.values()):
-        raise BadInput('it must be of the form {"s0": {…}, "task": {…}, "action": {…}}')
+        raise BadInput('it must be of the form {"s0": {…}, "goal": {…}, "action": {…}}')
     return {
         f"{group}.{name}": values if isinstance(values, list) else [values]
         for group, members in content.items()
@@ -153,7 +153,7 @@ def _checked(columns: Columns, simulator: Simulator) -> Plan:
     }
     return Plan(
         s0=np.array(parts["s0"], np.float32)[:, 0],
-        task=np.array(parts["task"], np.float32)[:, 0],
+        goal=np.array(parts["goal"], np.float32)[:, 0],
         actions=np.ascontiguousarray(np.array(parts["action"], np.float32).T),
     )
 

@@ -21,15 +21,15 @@ class Trajectories:
     Attributes:
         states: [N, T+1, D] float32; ``states[:, 0]`` is s_0.
         actions: [N, T, A] float32; ``actions[:, t]`` leads from s_t to s_{t+1}.
-        task: [N, G] float32, what was asked for in each trajectory; no model sees it.
-        hidden: [N, H] float32, what acted on each trajectory and no model sees.
+        goal: [N, G] float32, what was asked for in each trajectory; no model sees it.
+        unobserved: [N, H] float32, what acted on each trajectory and no model sees.
         facts: names, units, seeds and versions.
     """
 
     states: Floats
     actions: Floats
-    task: Floats
-    hidden: Floats
+    goal: Floats
+    unobserved: Floats
     facts: dict[str, Any]
 
     def __len__(self) -> int:
@@ -45,8 +45,8 @@ class Trajectories:
         return Trajectories(
             self.states[index],
             self.actions[index],
-            self.task[index],
-            self.hidden[index],
+            self.goal[index],
+            self.unobserved[index],
             self.facts,
         )
 
@@ -72,17 +72,17 @@ class ScenarioSet:
     Attributes:
         s0: [S, D] float32.
         actions: [S, T, A] float32.
-        task: [S, G] float32, what is asked for in each scenario; no model sees it.
+        goal: [S, G] float32, what is asked for in each scenario; no model sees it.
         observed: [S, K, T, D] float32, the states s_1 … s_T of K rollouts of the same s0, actions.
-        hidden: [S, K, H] float32.
+        unobserved: [S, K, H] float32.
         facts: names, units, seeds and versions.
     """
 
     s0: Floats
     actions: Floats
-    task: Floats
+    goal: Floats
     observed: Floats
-    hidden: Floats
+    unobserved: Floats
     facts: dict[str, Any]
 
     def __len__(self) -> int:
@@ -93,9 +93,9 @@ class ScenarioSet:
         return ScenarioSet(
             self.s0[index],
             self.actions[index],
-            self.task[index],
+            self.goal[index],
             self.observed[index],
-            self.hidden[index],
+            self.unobserved[index],
             self.facts,
         )
 

@@ -22,22 +22,22 @@ WIDTH, HEIGHT = 640, 480
 class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
     """One trajectory of a simulator.
 
-    *Observation*, [D + G] float32: the state in SI units, then the task. The simulator's tables say
+    *Observation*, [D + G] float32: the state in SI units, then the goal. The simulator's tables say
     what they hold.
 
     *Action*, [A] float64: each component of the simulator's action, scaled so that −1 is its low
     bound and 1 its high one; beyond counts as the bound.
 
-    *Reward*: 1 at the step at which the task first succeeds, otherwise 0. So the return is the
+    *Reward*: 1 at the step at which the goal first succeeds, otherwise 0. So the return is the
     outcome whose probability the study forecasts.
 
     *End*: an episode is truncated after the horizon, and nothing ends it before: a forecast covers
     the whole horizon, whatever happens on the way.
 
-    *Info*: ``hidden`` [H] float32, what no model sees; ``success``, whether the task has succeeded.
+    *Info*: ``unobserved`` [H] float32, what no model sees; ``success``, whether the goal has succeeded.
 
     *Reset*: ``options`` may give ``scenario`` and ``noise``, seeds of the batched simulator, to
-    repeat `simulator.draw([scenario])` and `simulator.rollout(s0, actions, [noise])` exactly;
+    repeat `simulator.sample_scenarios([scenario])` and `simulator.rollout(s0, actions, [noise])` exactly;
     and ``noise: None`` is the nominal system.
 
     Args:
@@ -56,7 +56,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode: got '{render_mode}'; it can be 'rgb_array' or None")
         self.render_mode = render_mode
-        low, high = bounds((*self.simulator.state, *self.simulator.task))
+        low, high = bounds((*self.simulator.state, *self.simulator.goal))
         self.observation_space = Box(low.astype(np.float32), high.astype(np.float32))
         # Float64, so that an action in SI units comes back from its scaled form exactly.
         size = (len(self.simulator.action),)
@@ -77,7 +77,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         if unknown := seeds.keys() - {"scenario", "noise"}:
             raise ValueError(f"options: got {sorted(unknown)}; allowed are 'scenario' and 'noise'")
         noise = seeds["noise"]
-        self._scenario = self.simulator.draw(np.array([seeds["scenario"]], np.uint64))
+        self._scenario = self.simulator.sample_scenarios(np.array([seeds["scenario"]], np.uint64))
         self._state = self._scenario.s0
         self._episode = self.simulator.start(
             self._state, None if noise is None else np.array([noise], np.uint64)
@@ -91,7 +91,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
             raise RuntimeError("reset the environment before its first step")
         self._state = self._episode.step(self.physical(action)[None])
         self._steps += 1
-        reached = bool(self.simulator.outcome(self._state[:, None], self._scenario.task)[0])
+        reached = bool(self.simulator.outcome(self._state[:, None], self._scenario.goal)[0])
         reward = float(reached and not self._success)
         self._success |= reached
         truncated = self._steps >= self.simulator.horizon
@@ -121,7 +121,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         configuration = self.simulator.configuration(self._state)[0]
         camera = 0 if self._scene.ncam else -1
         self._renderer.update_scene(drawing.pose(self._scene, configuration), camera)
-        target = self.simulator.target(self._scenario.task)[0].astype(np.float64)
+        target = self.simulator.target(self._scenario.goal)[0].astype(np.float64)
         radius = self.simulator.radius
         drawing.add_target(self._renderer.scene, target, radius, 6 * radius)
         return np.array(self._renderer.render())
@@ -133,8 +133,8 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
             self._renderer = None
 
     def _observation(self) -> Floats:
-        return np.concatenate([self._state[0], self._scenario.task[0]])
+        return np.concatenate([self._state[0], self._scenario.goal[0]])
 
     def _info(self) -> dict[str, Any]:
         assert self._episode is not None
-        return {"hidden": self._episode.hidden[0].copy(), "success": self._success}
+        return {"unobserved": self._episode.unobserved[0].copy(), "success": self._success}

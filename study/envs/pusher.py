@@ -142,11 +142,11 @@ class Pusher(Simulator):
         Variable("upper_torque", "N·m", "torque on the shoulder", -0.05, 0.05),
         Variable("lower_torque", "N·m", "torque on the elbow", -0.05, 0.05),
     )
-    task = (
+    goal = (
         Variable("target_x", "m", "where the ball should come to", -0.18, 0.18),
         Variable("target_y", "m", "where the ball should come to", -0.18, 0.18),
     )
-    drawn_from = (
+    scenario_variables = (
         Variable("theta", "rad", "upper angle", -np.pi, np.pi),
         Variable("gamma", "rad", "lower angle, of either sign", 0.6, 2.4),
         Variable("ball_distance", "m", "from the shoulder to the ball", 0.07, 0.15),
@@ -161,7 +161,7 @@ class Pusher(Simulator):
         Variable("travel", "m", "from the ball to its target", 0.06, 0.2),
         Variable("behind", "m", f"from the shoulder to {BEHIND:g} m behind the ball", 0.04, 0.185),
     )
-    telling = ("arm_x", "theta_rate", "ball_x_rate")
+    plotted = ("arm_x", "theta_rate", "ball_x_rate")
     default_horizon = 120
     control_step = 0.02
     radius = 0.04
@@ -177,12 +177,12 @@ class Pusher(Simulator):
         self.swarm = swarm(MODEL, SWARM)
         self.ball_height = float(self.model.body("ball").pos[2])
 
-    def draw(self, seeds: Seeds) -> Scenarios:
-        size = (self._draws, len(self.drawn_from) + 1)
+    def sample_scenarios(self, seeds: Seeds) -> Scenarios:
+        size = (self._draws, len(self.scenario_variables) + 1)
         uniform = np.stack(
             [np.random.default_rng([int(s), SCENARIO_STREAM]).random(size) for s in seeds]
         )
-        low, high = bounds(self.drawn_from)
+        low, high = bounds(self.scenario_variables)
         drawn = np.ascontiguousarray(np.moveaxis(low + (high - low) * uniform[..., :-1], -1, 0))
         theta, gamma, ball_distance, ball_bearing, target_distance, target_bearing = drawn
         gamma = np.where(uniform[..., -1] < 0.5, -gamma, gamma)
@@ -200,9 +200,9 @@ class Pusher(Simulator):
         chosen = (np.arange(len(seeds)), admissible.argmax(axis=1))
 
         positions = np.stack([v[chosen] for v in (theta, gamma, ball_x, ball_y)], axis=-1)
-        task = np.stack([x[chosen], y[chosen]], axis=-1)
+        goal = np.stack([x[chosen], y[chosen]], axis=-1)
         states = observe(positions, np.zeros_like(positions))
-        return Scenarios(states.astype(np.float32), task.astype(np.float32))
+        return Scenarios(states.astype(np.float32), goal.astype(np.float32))
 
     def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
         return _Pushes(self, s0, seeds, ahead)
@@ -210,15 +210,15 @@ class Pusher(Simulator):
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
         """`pusher_policy`, which draws its habits from `seeds` [N]."""
         habits = Habits.draw(seeds, self.horizon)
-        target = scenarios.task.astype(np.float64)
+        target = scenarios.goal.astype(np.float64)
         damping = float(self.model.joint("shoulder").damping[0])
         return lambda t, states: torques(states.astype(np.float64), target, habits, t, damping)
 
     def position(self, states: Floats) -> Floats:
         return self._on_table(states[..., 8:10])
 
-    def target(self, task: Floats) -> Floats:
-        return self._on_table(task)
+    def target(self, goal: Floats) -> Floats:
+        return self._on_table(goal)
 
     def scene(self) -> mujoco.MjModel:
         return self.model
@@ -251,11 +251,11 @@ class Pusher(Simulator):
             "the ball runs into a cushion": (np.abs(states[..., 8:10]) > edge).any(axis=(-1, -2)),
         }
 
-    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
+    def outcomes(self, states: Floats, goal: Floats) -> dict[str, Booleans]:
         """Also: whether the ball ends at its target, and stays within the arm's reach."""
         from_shoulder = np.linalg.norm(states[..., 8:10], axis=-1)
-        return super().outcomes(states, task) | {
-            "ends at the target": self.outcome(states[..., -1:, :], task),
+        return super().outcomes(states, goal) | {
+            "ends at the target": self.outcome(states[..., -1:, :], goal),
             "stays within reach": np.asarray((from_shoulder <= 2 * LINK).all(axis=-1)),
         }
 
@@ -270,7 +270,7 @@ class _Pushes(Episode):
 
     def __init__(self, simulator: Pusher, s0: Floats, seeds: Seeds | None, ahead: int) -> None:
         self.count = len(s0)
-        self.hidden = np.empty((self.count, 0), np.float32)
+        self.unobserved = np.empty((self.count, 0), np.float32)
         model = simulator.model if self.count == 1 else simulator.swarm
         together = model.nq // 4
         self._worlds = (-(-self.count // together), together)

@@ -5,10 +5,10 @@ a seed of its own, so the result is the same for any batch size, order and numbe
 
 The life of a scenario::
 
-    scenarios = simulator.draw(seeds)                    # s0 [N, D] and task [N, G]
+    scenarios = simulator.sample_scenarios(seeds)                    # s0 [N, D] and goal [N, G]
     actions = simulator.plan(scenarios, seeds)           # [N, T, A], on the nominal system
     rollout = simulator.rollout(s0, actions, seeds)      # states [N, T+1, D], with noise
-    outcome = simulator.outcome(rollout.states[:, 1:], task)   # [N] bool
+    outcome = simulator.outcome(rollout.states[:, 1:], goal)   # [N] bool
 
 Actions are open loop: planned on the noise-free system, then executed in the noisy one. So they
 tell a model nothing about the noise to come, and re-simulating the same s0 and actions with other
@@ -57,35 +57,35 @@ def bounds(variables: tuple[Variable, ...]) -> tuple[Doubles, Doubles]:
 
 @dataclass(frozen=True)
 class Scenarios:
-    """N beginnings: s0 [N, D] float32, and task [N, G] float32, what the agent is asked to do.
+    """N beginnings: s0 [N, D] float32, and goal [N, G] float32, what the agent is asked to do.
 
-    No model sees the task: it enters the plan, and the outcome.
+    No model sees the goal: it enters the plan, and the outcome.
     """
 
     s0: Floats
-    task: Floats
+    goal: Floats
 
     def __getitem__(self, part: slice) -> "Scenarios":
         """Some of the scenarios."""
-        return Scenarios(self.s0[part], self.task[part])
+        return Scenarios(self.s0[part], self.goal[part])
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """N trajectories: states [N, T+1, D] float32 (states[:, 0] is s0), hidden [N, H] float32."""
+    """N trajectories: states [N, T+1, D] float32 (states[:, 0] is s0), unobserved [N, H] float32."""
 
     states: Floats
-    hidden: Floats
+    unobserved: Floats
 
 
 class Episode(ABC):
-    """N trajectories under way, each with noise and hidden variables of its own.
+    """N trajectories under way, each with noise and unobserved variables of its own.
 
     Attributes:
-        hidden: [N, H] float32.
+        unobserved: [N, H] float32.
     """
 
-    hidden: Floats
+    unobserved: Floats
 
     @abstractmethod
     def step(self, actions: Floats) -> Floats:
@@ -107,20 +107,20 @@ class Simulator(ABC):
     version: ClassVar[int]
     state: ClassVar[tuple[Variable, ...]]
     action: ClassVar[tuple[Variable, ...]]
-    hidden: ClassVar[tuple[Variable, ...]] = ()
-    task: ClassVar[tuple[Variable, ...]]
-    drawn_from: ClassVar[tuple[Variable, ...]] = ()
+    unobserved: ClassVar[tuple[Variable, ...]] = ()
+    goal: ClassVar[tuple[Variable, ...]]
+    scenario_variables: ClassVar[tuple[Variable, ...]] = ()
     """What scenarios are drawn from, each uniform between its bounds."""
-    telling: ClassVar[tuple[str, ...]] = ()
+    plotted: ClassVar[tuple[str, ...]] = ()
     """Names of the state variables that a picture should show over time; none: it chooses."""
-    turned: ClassVar[tuple[tuple[str, str, str], ...]] = ()
+    rotating_pairs: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Pairs of state variables that are components along axes turned by an angle, and that angle:
     models work on them in axes that stand still (`study.data.frames`)."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""
     radius: ClassVar[float]
-    """Metres: the task succeeds when `position` comes this close to `target`."""
+    """Metres: the goal succeeds when `position` comes this close to `target`."""
     at_once: ClassVar[int] = 2048
     """Trajectories simulated at a time: many enough that an operation's fixed cost vanishes, few
     enough that the arrays fit a cache."""
@@ -130,7 +130,7 @@ class Simulator(ABC):
         self.threads = threads
 
     @abstractmethod
-    def draw(self, seeds: Seeds) -> Scenarios:
+    def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         """Draw one scenario for each seed [N]."""
 
     @abstractmethod
@@ -139,24 +139,24 @@ class Simulator(ABC):
 
         Args:
             s0: [N, D].
-            seeds: [N]; none: the nominal system, with no noise and hidden variables at their mean.
+            seeds: [N]; none: the nominal system, with no noise and unobserved variables at their mean.
             ahead: control steps for which noise may be drawn at once. It changes speed alone.
         """
 
     @abstractmethod
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
-        """A policy that tries to do the task of each scenario [N].
+        """A policy that tries to do the goal of each scenario [N].
 
         It may be random (variety to train on): it draws from `seeds` [N].
         """
 
     @abstractmethod
     def position(self, states: Floats) -> Floats:
-        """Where the thing that the task is about is, [..., 3] in metres, from states [..., D]."""
+        """Where the thing that the goal is about is, [..., 3] in metres, from states [..., D]."""
 
     @abstractmethod
-    def target(self, task: Floats) -> Floats:
-        """Where it should come to, [..., 3] in metres, from task [..., G]."""
+    def target(self, goal: Floats) -> Floats:
+        """Where it should come to, [..., 3] in metres, from goal [..., G]."""
 
     @abstractmethod
     def scene(self) -> mujoco.MjModel:
@@ -192,36 +192,36 @@ class Simulator(ABC):
         """
         count, horizon = actions.shape[:2]
         states = np.empty((count, horizon + 1, len(self.state)), np.float32)
-        hidden = np.empty((count, len(self.hidden)), np.float32)
+        unobserved = np.empty((count, len(self.unobserved)), np.float32)
         states[:, 0] = s0
         for part in self._parts(count):
             own_seeds = None if seeds is None else seeds[part]
             episode = self.start(states[part, 0], own_seeds, ahead=horizon)
-            hidden[part] = episode.hidden
+            unobserved[part] = episode.unobserved
             commands = self.bounded(actions[part])
             for t in range(horizon):
                 states[part, t + 1] = episode.step(commands[:, t])
-        return Rollout(states, hidden)
+        return Rollout(states, unobserved)
 
-    def reached(self, states: Floats, task: Floats) -> Booleans:
-        """Whether the task has succeeded by each step [..., T]: states [..., T, D], task [..., G].
+    def reached(self, states: Floats, goal: Floats) -> Booleans:
+        """Whether the goal has succeeded by each step [..., T]: states [..., T, D], goal [..., G].
 
-        `task` broadcasts against the leading axes of `states`. A state that is not finite is never
+        `goal` broadcasts against the leading axes of `states`. A state that is not finite is never
         close to anything.
         """
-        distance = np.linalg.norm(self.position(states) - self.target(task)[..., None, :], axis=-1)
+        distance = np.linalg.norm(self.position(states) - self.target(goal)[..., None, :], axis=-1)
         return np.logical_or.accumulate(distance <= self.radius, axis=-1)
 
-    def outcome(self, states: Floats, task: Floats) -> Booleans:
-        """Whether the task succeeds within the horizon, [...]; arguments as of `reached`."""
-        return np.asarray(self.reached(states, task).any(axis=-1))
+    def outcome(self, states: Floats, goal: Floats) -> Booleans:
+        """Whether the goal succeeds within the horizon, [...]; arguments as of `reached`."""
+        return np.asarray(self.reached(states, goal).any(axis=-1))
 
-    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
-        """All that is asked of a trajectory, by name, the task itself first: [...] each.
+    def outcomes(self, states: Floats, goal: Floats) -> dict[str, Booleans]:
+        """All that is asked of a trajectory, by name, the goal itself first: [...] each.
 
         Arguments as of `reached`. A state that is not finite is never where it should be.
         """
-        return {"reaches the target": self.outcome(states, task)}
+        return {"reaches the target": self.outcome(states, goal)}
 
     def _parts(self, count: int) -> list[slice]:
         return [slice(start, start + self.at_once) for start in range(0, count, self.at_once)]

@@ -183,20 +183,20 @@ class Uav(Simulator):
         Variable("vz", "m/s", "velocity set-point, up", -3.0, 3.0),
         Variable("yaw_rate", "rad/s", "yaw-rate set-point", -1.0, 1.0),
     )
-    hidden: ClassVar[tuple[Variable, ...]] = (
+    unobserved: ClassVar[tuple[Variable, ...]] = (
         Variable("payload", "kg", "mass carried", 0.0, MAX_PAYLOAD),
     )
-    task: ClassVar[tuple[Variable, ...]] = (
+    goal: ClassVar[tuple[Variable, ...]] = (
         Variable("target_x", "m", "where to fly, east", -5000.0, 5000.0),
         Variable("target_y", "m", "where to fly, north", -5000.0, 5000.0),
         Variable("target_z", "m", "where to fly, up", 0.0, 5000.0),
     )
 
-    drawn_from = START
-    telling = ("z", "vz", "battery")
-    turned = (("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw"))
+    scenario_variables = START
+    plotted = ("z", "vz", "battery")
+    rotating_pairs = (("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw"))
 
-    def draw(self, seeds: Seeds) -> Scenarios:
+    def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         """Draw one scenario for each seed [N], from `START`."""
         drawn = dict(
             zip((v.name for v in START), _uniform(seeds, SCENARIO_STREAM, START).T, strict=True)
@@ -226,16 +226,16 @@ class Uav(Simulator):
         """A `Pilot` for each scenario, whose habits come from its seed."""
         habits = _uniform(seeds, POLICY_STREAM, HABITS)
         duration = self.horizon * self.control_step
-        pilot = Pilot(scenarios.s0, scenarios.task, habits, duration)
+        pilot = Pilot(scenarios.s0, scenarios.goal, habits, duration)
         return lambda step, states: pilot.command(step * self.control_step, states)
 
     def position(self, states: Floats) -> Floats:
         """The vehicle, [..., 3] in m."""
         return states[..., POSITION]
 
-    def target(self, task: Floats) -> Floats:
+    def target(self, goal: Floats) -> Floats:
         """The target, [..., 3] in m."""
-        return task
+        return goal
 
     def scene(self) -> mujoco.MjModel:
         """The quadrotor above a meadow; one free joint."""
@@ -253,10 +253,10 @@ class Uav(Simulator):
             "its battery runs empty": np.asarray((states[..., BATTERY] <= 0).any(axis=-1)),
         }
 
-    def outcomes(self, states: Floats, task: Floats) -> dict[str, Booleans]:
+    def outcomes(self, states: Floats, goal: Floats) -> dict[str, Booleans]:
         """Also: whether it ends at its target, stays high enough, and keeps a reserve of charge."""
-        return super().outcomes(states, task) | {
-            "ends at the target": self.outcome(states[..., -1:, :], task),
+        return super().outcomes(states, goal) | {
+            "ends at the target": self.outcome(states[..., -1:, :], goal),
             f"stays above {SAFE_HEIGHT:g} m": np.asarray((states[..., 2] > SAFE_HEIGHT).all(-1)),
             f"keeps {RESERVE:g} % of charge": np.asarray((states[..., BATTERY] > RESERVE).all(-1)),
         }
@@ -266,12 +266,12 @@ class _Flights(Episode):
     """N flights at once."""
 
     def __init__(self, simulator: Uav, s0: Floats, seeds: Seeds | None, ahead: int) -> None:
-        self.hidden = np.full((len(s0), 1), MEAN_PAYLOAD, np.float32)
+        self.unobserved = np.full((len(s0), 1), MEAN_PAYLOAD, np.float32)
         generators = []
         if seeds is not None:
             generators = [_generator(seed, NOISE_STREAM) for seed in seeds]
-            self.hidden[:, 0] = [MAX_PAYLOAD * generator.random() for generator in generators]
-        self._flight = Flight(s0, self.hidden[:, 0], simulator.threads)
+            self.unobserved[:, 0] = [MAX_PAYLOAD * generator.random() for generator in generators]
+        self._flight = Flight(s0, self.unobserved[:, 0], simulator.threads)
         self._ticks = round(simulator.control_step / self._flight.timestep)
         self._weather = None
         if seeds is not None:

@@ -21,20 +21,20 @@ SCENE = """
 
 @register("cart")
 class Cart(Simulator):
-    """A double integrator with a hidden mass, pushed towards a target."""
+    """A double integrator with a unobserved mass, pushed towards a target."""
 
     name = "cart"
     title = "Cart"
     version = 1
     state = (Variable("x", "m", "position"), Variable("v", "m/s", "velocity"))
     action = (Variable("force", "N", "push", -1.0, 1.0),)
-    hidden = (Variable("mass", "kg", "mass", 0.5, 1.5),)
-    task = (Variable("target", "m", "where to go"),)
+    unobserved = (Variable("mass", "kg", "mass", 0.5, 1.5),)
+    goal = (Variable("target", "m", "where to go"),)
     default_horizon = 20
     control_step = 0.1
     radius = 0.2
 
-    def draw(self, seeds: Seeds) -> Scenarios:
+    def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         drawn = np.stack([np.random.default_rng(seed).uniform(-1, 1, 3) for seed in seeds])
         return Scenarios(drawn[:, :2].astype(np.float32), drawn[:, 2:].astype(np.float32))
 
@@ -42,15 +42,15 @@ class Cart(Simulator):
         return Ride(self.control_step, s0, seeds)
 
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
-        return lambda t, states: 2 * (scenarios.task - states[:, :1]) - 2 * states[:, 1:]
+        return lambda t, states: 2 * (scenarios.goal - states[:, :1]) - 2 * states[:, 1:]
 
     def position(self, states: Floats) -> Floats:
         return np.concatenate([states[..., :1], np.zeros((*states.shape[:-1], 2))], -1).astype(
             np.float32
         )
 
-    def target(self, task: Floats) -> Floats:
-        return self.position(task)
+    def target(self, goal: Floats) -> Floats:
+        return self.position(goal)
 
     def scene(self) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(SCENE)
@@ -68,13 +68,13 @@ class Ride(Episode):
             np.random.default_rng([int(seed), 1]) for seed in (() if seeds is None else seeds)
         ]
         mass = [generator.uniform(0.5, 1.5) for generator in self.generators] or np.ones(len(s0))
-        self.hidden = np.array(mass, np.float32)[:, None]
+        self.unobserved = np.array(mass, np.float32)[:, None]
 
     def step(self, actions: Floats) -> Floats:
         force = actions[:, 0].astype(np.float64)
         if self.generators:
             force += [0.2 * generator.normal() for generator in self.generators]
-        speed = self.states[:, 1] + self.control_step * force / self.hidden[:, 0]
+        speed = self.states[:, 1] + self.control_step * force / self.unobserved[:, 0]
         self.states = np.stack([self.states[:, 0] + self.control_step * speed, speed], -1)
         return self.states.astype(np.float32)
 

@@ -1,7 +1,7 @@
 """Brier score of forecast outcomes: the mean squared error of a probability (Brier 1950).
 
 Section IV-D of the paper. The forecast probability p of a scenario is the share of its K samples
-in which the task succeeds, and the score is the mean of (p - o)² over the outcomes o of *every*
+in which the goal succeeds, and the score is the mean of (p - o)² over the outcomes o of *every*
 observed rollout of the scenario. A sample that holds a value that is not finite has no outcome: it
 counts as the wrong one against each observation, as success where the rollout failed and as
 failure where it succeeded.
@@ -20,7 +20,7 @@ def brier(forecast: Array, observed: Array, valid: Array | None = None) -> Doubl
     """Brier score of each scenario [S, ...]: 0 is best; 0.25 for p = 1/2 whatever happens.
 
     Args:
-        forecast: [S, K, ...] bool, whether the task succeeds in each sample. What follows the
+        forecast: [S, K, ...] bool, whether the goal succeeds in each sample. What follows the
             first two axes (steps, say) is scored on its own.
         observed: [S, L, ...] bool, whether it did in each rollout.
         valid: [S, K] bool, which samples are finite throughout; all if None.

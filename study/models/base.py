@@ -16,7 +16,7 @@ from torch.optim.lr_scheduler import LRScheduler, OneCycleLR
 from study.common.registry import Registry
 from study.common.seeds import Seeds, spawn
 from study.data.frames import turn
-from study.data.normalization import Floats, Scaling
+from study.data.normalization import Floats, Normalization
 
 # Score of forecasts [V, K, T, D] against observed [V, L, T, D], SI units; smaller is better.
 ValidationScore = Callable[[Floats, Floats], float]
@@ -54,7 +54,7 @@ class Model(L.LightningModule):
     ``@models.register(NAME)``.
 
     Args:
-        scaling: standard units, kept with the weights.
+        normalization: standard units, kept with the weights.
         settings: the sections of the configuration that the class names in `sections`.
 
     A class with `tunes_beta` is given `beta` as well, the weight of the KL term, and one with
@@ -67,21 +67,24 @@ class Model(L.LightningModule):
     uses_ensemble: ClassVar[bool] = False
     sections: ClassVar[tuple[str, ...]] = ("train",)
     orders: int | None = None
-    """Orders of the data in which it is trained, side by side; see `TrajectoryModule`."""
+    """Orders of the data in which it is trained, side by side; see `TrajectoryDataModule`."""
     noise_size: int
     """Standard normal numbers that one sample takes at one step."""
     state_mean: Tensor
     state_scale: Tensor
     action_mean: Tensor
     action_scale: Tensor
-    change_scale: Tensor
-    turned: Tensor
+    delta_std: Tensor
+    rotating_pairs: Tensor
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
+    def __init__(self, normalization: Normalization, settings: dict[str, Any]) -> None:
         super().__init__()
-        for name, values in vars(scaling).items():
+        for name, values in vars(normalization).items():
             self.register_buffer(name, torch.from_numpy(np.array(values)))
-        self.state_size, self.action_size = len(scaling.state_mean), len(scaling.action_mean)
+        self.state_size, self.action_size = (
+            len(normalization.state_mean),
+            len(normalization.action_mean),
+        )
         self.settings = settings
         self.validation_score: ValidationScore | None = None
         self.validation_samples, self.validation_seed = 16, 0
@@ -105,7 +108,7 @@ class Model(L.LightningModule):
         """The ``loss`` of a batch, and parts of it that are worth a curve.
 
         Args:
-            batch: see `TrajectoryModule`.
+            batch: see `TrajectoryDataModule`.
             step: steps of the optimiser that were taken before.
         """
         raise NotImplementedError(f"{type(self).__name__} needs `losses` or a `training_step`")
@@ -145,7 +148,7 @@ class Model(L.LightningModule):
     @torch.no_grad()
     def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
         """See `Forecaster.forecast`."""
-        standard_s0, standard_actions = self.standard(
+        standard_s0, normalize_actions = self.normalize(
             torch.from_numpy(s0), torch.from_numpy(actions)
         )
         rows = max(1, ROWS_AT_ONCE // samples)
@@ -156,26 +159,26 @@ class Model(L.LightningModule):
             member = draw_members(seeds[chunk], samples, self.members_count())
             forecasts = self.sample(
                 standard_s0[chunk],
-                standard_actions[chunk],
+                normalize_actions[chunk],
                 torch.from_numpy(noise).to(self.device),
                 torch.from_numpy(member).to(self.device),
             )
-            parts.append(self.physical(forecasts.float()).cpu().numpy())
+            parts.append(self.denormalize(forecasts.float()).cpu().numpy())
         return np.concatenate(parts)
 
-    def standard(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+    def normalize(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
         """s_0 [..., D] and actions [..., A] in standard units, where the weights are."""
-        standard_actions = (actions.to(self.device) - self.action_mean) / self.action_scale
-        return self.standard_states(s0), standard_actions
+        normalize_actions = (actions.to(self.device) - self.action_mean) / self.action_scale
+        return self.normalize_states(s0), normalize_actions
 
-    def standard_states(self, states: Tensor) -> Tensor:
+    def normalize_states(self, states: Tensor) -> Tensor:
         """States [..., D] in standard units, where the weights are."""
-        level = turn(states.to(self.device, copy=True), self.turned)
+        level = turn(states.to(self.device, copy=True), self.rotating_pairs)
         return (level - self.state_mean) / self.state_scale
 
-    def physical(self, states: Tensor) -> Tensor:
+    def denormalize(self, states: Tensor) -> Tensor:
         """States [..., D] in SI units, from standard units."""
-        return turn(states * self.state_scale + self.state_mean, self.turned, back=True)
+        return turn(states * self.state_scale + self.state_mean, self.rotating_pairs, back=True)
 
     def validation_step(self, batch: dict[str, Tensor]) -> None:
         """Score free-running forecasts, the same noise at every look."""

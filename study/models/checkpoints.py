@@ -9,28 +9,28 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from study.common.errors import StudyError
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models import Model, models
 from study.models.rnn_ensemble import Ensemble
 
 
 def build(
     name: str,
-    scaling: Scaling,
+    normalization: Normalization,
     settings: dict[str, Any],
     beta: float | None = None,
     ensemble: Ensemble | None = None,
 ) -> Model:
     """A new model of the registered class `name`, or an `Ensemble`."""
     if name == "ensemble":
-        return Ensemble(scaling, settings)
+        return Ensemble(normalization, settings)
     model = models[name]
     extra: dict[str, Any] = {}
     if model.tunes_beta:
         extra["beta"] = beta
     if model.uses_ensemble:
         extra["ensemble"] = ensemble
-    return model(scaling, settings, **extra)
+    return model(normalization, settings, **extra)
 
 
 def save_model(model: Model, name: str, path: Path, beta: float | None = None) -> None:
@@ -55,11 +55,20 @@ def load_model(path: Path) -> Model:
     with safe_open(path, framework="np") as file:
         facts = json.loads(file.metadata()["facts"])
     tensors = load_file(path)
-    names = ("state_mean", "state_scale", "action_mean", "action_scale", "change_scale", "turned")
-    scaling = Scaling(*(np.asarray(tensors[name].numpy()) for name in names))
-    ensemble = Ensemble(scaling, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
+    names = (
+        "state_mean",
+        "state_scale",
+        "action_mean",
+        "action_scale",
+        "delta_std",
+        "rotating_pairs",
+    )
+    normalization = Normalization(*(np.asarray(tensors[name].numpy()) for name in names))
+    ensemble = (
+        Ensemble(normalization, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
+    )
     try:
-        model = build(facts["model"], scaling, facts["settings"], facts["beta"], ensemble)
+        model = build(facts["model"], normalization, facts["settings"], facts["beta"], ensemble)
         model.load_state_dict(tensors)
     except (KeyError, RuntimeError) as error:
         raise StudyError(

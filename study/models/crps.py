@@ -26,7 +26,7 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import each_sample
 from study.models.baseline import OnBaseline
 from study.models.networks.likelihood import logarithmic_score
@@ -79,7 +79,7 @@ class CrpsGenerator(OnBaseline):
     of its own in the section `crps`, since it has no β to search for.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         settings: the sections `crps` and `train` of the configuration.
         extra_conditions: size of what the decoder sees beside the actions.
     """
@@ -87,13 +87,13 @@ class CrpsGenerator(OnBaseline):
     sections = ("crps", "train")
 
     def __init__(
-        self, scaling: Scaling, settings: dict[str, Any], extra_conditions: int = 0
+        self, normalization: Normalization, settings: dict[str, Any], extra_conditions: int = 0
     ) -> None:
-        super().__init__(scaling, settings)
+        super().__init__(normalization, settings)
         crps = settings["crps"]
         self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["lasting"])
         sizes = (self.action_size + extra_conditions, crps["hidden_size"], self.noise_size)
-        self.decode = TransitionDecoder(scaling, *sizes, self.lasting)
+        self.decode = TransitionDecoder(normalization, *sizes, self.lasting)
 
     @classmethod
     def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class CrpsGenerator(OnBaseline):
             actions: [B, T, A].
             baselines: [B, M, T+1, D].
         """
-        scale, horizon = self.change_scale, actions.shape[1]
+        scale, horizon = self.delta_std, actions.shape[1]
         liveliness = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
         likely = liveliness.expand(len(states), -1).flatten()
         chosen = torch.multinomial(likely, TRANSITIONS, replacement=True)

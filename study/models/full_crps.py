@@ -10,7 +10,7 @@ class FullCrps(OnNothing, CrpsGenerator):
     """`ResidualCrps` with nothing to add to: the baseline is zero.
 
     Args:
-        scaling, settings: see `CrpsGenerator`.
+        normalization, settings: see `CrpsGenerator`.
     """
 
     version = 3

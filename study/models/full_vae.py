@@ -10,7 +10,7 @@ class FullVae(OnNothing, Vae):
     """Same network as the residual VAE, with nothing to add to: the baseline is zero.
 
     Args:
-        scaling, settings, beta: see `Vae`.
+        normalization, settings, beta: see `Vae`.
     """
 
     version = 3

@@ -7,7 +7,7 @@ the state, p_m(s_{1:T} | s_0; a_{0:T-1}), and the members' disagreement is the e
 
 from typing import Any
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.full_vae import FullVae
 from study.models.model_ensemble import EnsembleOf
@@ -18,7 +18,7 @@ class FullVaeEnsemble(EnsembleOf):
     """m ~ U{0 … M−1} for each sample, then z_{1:T} ~ p(z), then ŝ_{1:T} by the decoder of m.
 
     Args:
-        scaling, settings: see `EnsembleOf`.
+        normalization, settings: see `EnsembleOf`.
         beta: β of equation (12), of all members.
     """
 
@@ -27,5 +27,5 @@ class FullVaeEnsemble(EnsembleOf):
     tunes_beta = True
     sections = ("model_ensemble", *FullVae.sections)
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any], beta: float) -> None:
-        super().__init__(scaling, settings, beta=beta)
+    def __init__(self, normalization: Normalization, settings: dict[str, Any], beta: float) -> None:
+        super().__init__(normalization, settings, beta=beta)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import Model
 
 Rows = tuple[Tensor, Tensor]
@@ -28,18 +28,20 @@ class EnsembleOf(Model):
     """M members of `member_class`, trained side by side; a subclass says of which class.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         settings: the section `model_ensemble` of the configuration, and those of a member.
         given: what else a member is given.
     """
 
     member_class: ClassVar[type[Model]]
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any], **given: Any) -> None:
-        super().__init__(scaling, settings)
+    def __init__(
+        self, normalization: Normalization, settings: dict[str, Any], **given: Any
+    ) -> None:
+        super().__init__(normalization, settings)
         self.orders = int(settings["model_ensemble"]["members"])
         self.members = nn.ModuleList(
-            self.member_class(scaling, settings, **given) for _ in range(self.orders)
+            self.member_class(normalization, settings, **given) for _ in range(self.orders)
         )
         self.noise_size = self.each()[0].noise_size
 

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import each_sample, models
 from study.models.model_ensemble import EnsembleOf
 from study.models.probabilistic_mlp import ProbabilisticMlp
@@ -27,15 +27,15 @@ class ProbabilisticEnsemble(EnsembleOf):
     a single one.
 
     Args:
-        scaling, settings: see `EnsembleOf`; the section `probabilistic_ensemble` as well.
+        normalization, settings: see `EnsembleOf`; the section `probabilistic_ensemble` as well.
     """
 
     member_class = ProbabilisticMlp
     version = ProbabilisticMlp.version
     sections = ("model_ensemble", "probabilistic_ensemble", *ProbabilisticMlp.sections)
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
-        super().__init__(scaling, settings)
+    def __init__(self, normalization: Normalization, settings: dict[str, Any]) -> None:
+        super().__init__(normalization, settings)
         self.every_step = settings["probabilistic_ensemble"]["propagation"] == "step"
         if self.every_step:
             self.noise_size += 1  # the member of each step is drawn from it

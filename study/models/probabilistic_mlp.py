@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import Model, each_sample, models
 from study.models.networks.likelihood import by_width
 
@@ -21,15 +21,15 @@ class ProbabilisticMlp(Model):
     hundreds of times less in a step than they vary. log σ² is bounded softly, as in Chua et al.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         settings: the sections `mlp` and `train` of the configuration.
     """
 
     version = 2
     sections = ("mlp", "train")
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
-        super().__init__(scaling, settings)
+    def __init__(self, normalization: Normalization, settings: dict[str, Any]) -> None:
+        super().__init__(normalization, settings)
         self.noise_size = self.state_size
         width, layers = settings["mlp"]["hidden_size"], settings["mlp"]["layers"]
         sizes = [self.state_size + self.action_size, *[width] * layers]
@@ -41,7 +41,7 @@ class ProbabilisticMlp(Model):
         self.lowest = nn.Parameter(torch.full((self.state_size,), -12.0))
 
     def forward(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log variance of (s_{t+1} − s_t) / change_scale, each [..., D]."""
+        """Mean and log variance of (s_{t+1} − s_t) / delta_std, each [..., D]."""
         mean, log_variance = self.network(torch.cat([state, action], -1)).chunk(2, dim=-1)
         log_variance = self.highest - functional.softplus(self.highest - log_variance)
         log_variance = self.lowest + functional.softplus(log_variance - self.lowest)
@@ -51,7 +51,7 @@ class ProbabilisticMlp(Model):
         """−log p(s_{t+1} | s_t, a_t), averaged over transitions, the wider ones counting more."""
         states = batch["states"]
         mean, log_variance = self(states[:, :-1], batch["actions"])
-        change = (states[:, 1:] - states[:, :-1]) / self.change_scale
+        change = (states[:, 1:] - states[:, :-1]) / self.delta_std
         squares = (change - mean).square() * torch.exp(-log_variance)
         each = 0.5 * (squares + log_variance + math.log(2 * math.pi))
         if self.settings["mlp"]["likelihood"] == "weighted":
@@ -75,4 +75,4 @@ class ProbabilisticMlp(Model):
         """A sample of s_{t+1} [..., D], from standard normal numbers [..., D]."""
         mean, log_variance = self(state, action)
         change = mean + torch.exp(0.5 * log_variance) * draw
-        return state + change * self.change_scale
+        return state + change * self.delta_std

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.baseline import OnMembers
 from study.models.crps import CrpsGenerator
@@ -14,12 +14,14 @@ class ResidualCrps(OnMembers, CrpsGenerator):
     """ŝ_pred = ε̂_alea + ŷ_m as in the residual VAE, without the VAE.
 
     Args:
-        scaling, settings: see `CrpsGenerator`.
+        normalization, settings: see `CrpsGenerator`.
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
     version = 4
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any], ensemble: Ensemble) -> None:
-        super().__init__(scaling, settings, len(scaling.state_mean))
+    def __init__(
+        self, normalization: Normalization, settings: dict[str, Any], ensemble: Ensemble
+    ) -> None:
+        super().__init__(normalization, settings, len(normalization.state_mean))
         self.ensemble = ensemble.requires_grad_(False)

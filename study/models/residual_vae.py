@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.baseline import OnMembers
 from study.models.rnn_ensemble import Ensemble
@@ -14,14 +14,18 @@ class ResidualVae(OnMembers, Vae):
     """ŝ_pred = ε̂_alea + ŷ_m, with m drawn uniformly and kept over the horizon.
 
     Args:
-        scaling, settings, beta: see `Vae`.
+        normalization, settings, beta: see `Vae`.
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
 
     version = 4
 
     def __init__(
-        self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
+        self,
+        normalization: Normalization,
+        settings: dict[str, Any],
+        beta: float,
+        ensemble: Ensemble,
     ) -> None:
-        super().__init__(scaling, settings, beta, len(scaling.state_mean))
+        super().__init__(normalization, settings, beta, len(normalization.state_mean))
         self.ensemble = ensemble.requires_grad_(False)

@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.model_ensemble import EnsembleOf, Rows
 from study.models.residual_vae import ResidualVae
@@ -20,7 +20,7 @@ class ResidualVaeEnsemble(EnsembleOf):
     number p < M·J with m = p mod M and j = ⌊p / M⌋.
 
     Args:
-        scaling, settings: see `EnsembleOf`.
+        normalization, settings: see `EnsembleOf`.
         beta: β of equation (12), of all residual VAEs.
         ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
     """
@@ -31,9 +31,13 @@ class ResidualVaeEnsemble(EnsembleOf):
     sections = ("model_ensemble", *ResidualVae.sections)
 
     def __init__(
-        self, scaling: Scaling, settings: dict[str, Any], beta: float, ensemble: Ensemble
+        self,
+        normalization: Normalization,
+        settings: dict[str, Any],
+        beta: float,
+        ensemble: Ensemble,
     ) -> None:
-        super().__init__(scaling, settings, beta=beta, ensemble=ensemble)
+        super().__init__(normalization, settings, beta=beta, ensemble=ensemble)
         self.ensemble = ensemble
         for vae in self.each():
             # It is lent to them: as a module of each, its weights would be in the file J + 1 times.

@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import Model
 from study.models.gru.recurrence import feedback_gru, gru
 from study.models.networks.likelihood import negative_log_likelihood
@@ -37,19 +37,17 @@ class Members(nn.Module):
 
     Args:
         members: M.
-        change_scale: [D].
+        delta_std: [D].
         action_size: A.
         hidden_size: H.
     """
 
-    change_scale: Tensor
+    delta_std: Tensor
 
-    def __init__(
-        self, members: int, change_scale: Tensor, action_size: int, hidden_size: int
-    ) -> None:
+    def __init__(self, members: int, delta_std: Tensor, action_size: int, hidden_size: int) -> None:
         super().__init__()
-        state_size = len(change_scale)
-        self.register_buffer("change_scale", change_scale.clone())
+        state_size = len(delta_std)
+        self.register_buffer("delta_std", delta_std.clone())
         self.start = StackedLinear(members, state_size, hidden_size)
         self.driven = StackedLinear(members, action_size, 3 * hidden_size)
         self.feed = StackedLinear(members, state_size, 3 * hidden_size, bias=False)
@@ -62,7 +60,7 @@ class Members(nn.Module):
         With `truth` s_{0:T-1} [M, B, T, D] each step begins at the true state: teacher forcing.
         """
         hidden, recurrent, feed = torch.tanh(self.start(s0)), self.recurrent, self.feed.weight
-        out, drift = self.out.weight * self.change_scale, self.out.bias * self.change_scale
+        out, drift = self.out.weight * self.delta_std, self.out.bias * self.delta_std
         enter = torch.cat([self.driven.weight, feed], dim=1)
         weight, bias = recurrent.weight, torch.cat([self.driven.bias, recurrent.bias], dim=1)
         if truth is None:
@@ -82,11 +80,11 @@ class Ensemble(Model):
     sections = ("ensemble",)
     noise_size = 0
 
-    def __init__(self, scaling: Scaling, settings: dict[str, Any]) -> None:
-        super().__init__(scaling, settings)
+    def __init__(self, normalization: Normalization, settings: dict[str, Any]) -> None:
+        super().__init__(normalization, settings)
         ensemble = settings["ensemble"]
         self.members = Members(
-            ensemble["members"], self.change_scale, self.action_size, ensemble["hidden_size"]
+            ensemble["members"], self.delta_std, self.action_size, ensemble["hidden_size"]
         )
 
     def members_count(self) -> int:
@@ -124,8 +122,8 @@ class Ensemble(Model):
 
     def validation_step(self, batch: dict[str, Tensor]) -> None:
         """−log p_θ on trajectories not trained on, averaged over the members."""
-        forecasts = self(*self.standard(batch["s0"], batch["actions"]))[:, :, None]
-        truth = self.standard_states(batch["observed"])
+        forecasts = self(*self.normalize(batch["s0"], batch["actions"]))[:, :, None]
+        truth = self.normalize_states(batch["observed"])
         squared_error = (forecasts - truth[:, None]).square().mean((0, 2, 3))
         losses = negative_log_likelihood(squared_error).mean(-1)
         for index, loss in enumerate(losses):

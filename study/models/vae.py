@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.base import each_sample
 from study.models.baseline import OnBaseline
 from study.models.networks.cvae import RecurrentCvae
@@ -21,7 +21,7 @@ class Vae(OnBaseline):
     """A recurrent conditional VAE on a baseline; a subclass says which baseline.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         settings: the sections `vae` and `train` of the configuration.
         beta: β of equation (12).
         extra_conditions: size of what the decoder sees beside the actions.
@@ -32,19 +32,19 @@ class Vae(OnBaseline):
 
     def __init__(
         self,
-        scaling: Scaling,
+        normalization: Normalization,
         settings: dict[str, Any],
         beta: float,
         extra_conditions: int = 0,
     ) -> None:
-        super().__init__(scaling, settings)
+        super().__init__(normalization, settings)
         vae = settings["vae"]
         self.beta, self.feeding, self.draws = beta, vae["feeding"], vae["forecast"] == "draw"
         self.latent_size = int(vae["latent_size"])
         self.noise_size = self.latent_size + (self.state_size if self.draws else 0)
         increments = vae["output"] == "increment"
         self.cvae = RecurrentCvae(
-            self.change_scale if increments else torch.ones_like(self.change_scale),
+            self.delta_std if increments else torch.ones_like(self.delta_std),
             self.action_size + extra_conditions,
             vae["hidden_size"],
             self.latent_size,

@@ -71,11 +71,11 @@ def record_data(
     """Write the recording of some trajectories: about 20 are enough to see how they vary.
 
     `/state/NAME` and `/action/NAME` hold a column a trajectory on the timeline `step`, an action
-    at the step it starts from; `/hidden/NAME` a row a trajectory on the timeline `trajectory`.
+    at the step it starts from; `/unobserved/NAME` a row a trajectory on the timeline `trajectory`.
     Whatever is not finite is left out.
     """
     paths = simulator.position(trajectories.states).astype(np.float32)
-    targets = np.asarray(simulator.target(trajectories.task), dtype=np.float32)
+    targets = np.asarray(simulator.target(trajectories.goal), dtype=np.float32)
     distance = finite(np.linalg.norm(paths - targets[:, None], axis=-1))
     chosen = _choose(distance)
     model = simulator.scene()
@@ -120,12 +120,12 @@ def _design(
     targets: NDArray[np.float32],
     close_up: rrb.EyeControls3D | None,
 ) -> rrb.Blueprint:
-    telling = tuple(v for v in simulator.state if v.name in simulator.telling)
-    others = tuple(v for v in simulator.state if v.name not in simulator.telling)
+    plotted = tuple(v for v in simulator.state if v.name in simulator.plotted)
+    others = tuple(v for v in simulator.state if v.name not in simulator.plotted)
     pages = {
-        "Actions, and what they do" if telling else "Actions": [
+        "Actions, and what they do" if plotted else "Actions": [
             *_signals("action", simulator.action),
-            *_signals("state", telling),
+            *_signals("state", plotted),
         ]
     }
     state = _signals("state", others)
@@ -196,9 +196,9 @@ def _log_signals(
     steps = np.arange(trajectories.horizon + 1)
     style_lines(stream, "radius", ["success"], [TARGET], 2.0)
     send_scalars(stream, "radius", TIMELINE, steps, np.full(len(steps), simulator.radius))
-    for column, variable in enumerate(simulator.hidden):
-        rows, drawn = np.arange(len(trajectories)), finite(trajectories.hidden[:, column])
-        send_scalars(stream, entity_path("hidden", variable.name), "trajectory", rows, drawn)
+    for column, variable in enumerate(simulator.unobserved):
+        rows, drawn = np.arange(len(trajectories)), finite(trajectories.unobserved[:, column])
+        send_scalars(stream, entity_path("unobserved", variable.name), "trajectory", rows, drawn)
 
 
 def _log_run(
@@ -231,15 +231,15 @@ def _log_run(
 
 def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen, close_up: bool) -> str:
     """What there is to know of one trajectory, and how to read its views."""
-    states, task = trajectories.states[one.row], trajectories.task[one.row]
-    success = bool(simulator.outcome(states[1:], task))
+    states, goal = trajectories.states[one.row], trajectories.goal[one.row]
+    success = bool(simulator.outcome(states[1:], goal))
     seconds = simulator.control_step * trajectories.horizon
     text = (
         f"# {one.title}\n\nTrajectory {one.row}: of the {len(trajectories)} here it *{one.rule}*. "
         f"It {'**succeeds**' if success else 'does **not succeed**'} within {seconds:.3g} s "
         f"({trajectories.horizon} steps of {simulator.control_step:g} s).\n\n"
-        f"## What was asked for\n\n{_values(simulator.task, task)}\n"
-        f"## What no model sees\n\n{_values(simulator.hidden, trajectories.hidden[one.row])}"
+        f"## What was asked for\n\n{_values(simulator.goal, goal)}\n"
+        f"## What no model sees\n\n{_values(simulator.unobserved, trajectories.unobserved[one.row])}"
         "- the target, and the noise at each step\n\n"
     )
     how = _HOW_TO_READ.format(close_up=_OF_CLOSE_UP if close_up else "")
@@ -258,23 +258,28 @@ def _tables(
     simulator: "Simulator", trajectories: Trajectories, distance: NDArray[np.float64]
 ) -> str:
     """The trajectories, and the variables, as tables for the README panel."""
-    success = simulator.outcome(trajectories.states[:, 1:], trajectories.task)
+    success = simulator.outcome(trajectories.states[:, 1:], trajectories.goal)
     closest = np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1)
-    header = ("trajectory", *(bands.title(v) for v in simulator.hidden), "closest [m]", "success")
+    header = (
+        "trajectory",
+        *(bands.title(v) for v in simulator.unobserved),
+        "closest [m]",
+        "success",
+    )
     rows = [
-        (str(row), *(f"{x:.3g}" for x in hidden), f"{near:.3g}", "yes" if reached else "no")
-        for row, (hidden, near, reached) in enumerate(
-            zip(trajectories.hidden, closest, success, strict=True)
+        (str(row), *(f"{x:.3g}" for x in unobserved), f"{near:.3g}", "yes" if reached else "no")
+        for row, (unobserved, near, reached) in enumerate(
+            zip(trajectories.unobserved, closest, success, strict=True)
         )
     ]
     variables = [
         (group, v.name, v.unit, v.meaning)
-        for group in ("state", "action", "hidden", "task")
+        for group in ("state", "action", "unobserved", "goal")
         for v in getattr(simulator, group)
     ]
     return (
         f"\n**{int(success.sum())} of {len(trajectories)} succeed**: they come within "
-        f"{simulator.radius:g} m of their target. What is hidden from models:\n\n"
+        f"{simulator.radius:g} m of their target. What is unobserved from models:\n\n"
         f"{table(header, rows)}\n\n## Variables\n\n"
         f"{table(('', 'name', 'unit', 'meaning'), variables)}\n"
     )

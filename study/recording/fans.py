@@ -76,7 +76,7 @@ def log_cloud(
 
 
 def log_target(stream: rr.RecordingStream, entity: str, target: Points, radius: float) -> None:
-    """The target [3], and the sphere within which the task succeeds.
+    """The target [3], and the sphere within which the goal succeeds.
 
     The target stands on a pole, at whose foot is its name: the viewer draws names above all else,
     so that a sphere of 5 m is found among paths of 100 m.
@@ -112,7 +112,7 @@ def log_paths(
     stream: rr.RecordingStream,
     root: str,
     simulator: "Simulator",
-    task: NDArray[np.float32],
+    goal: NDArray[np.float32],
     observed: NDArray[np.float32],
     forecast: NDArray[np.float32],
     member: NDArray[np.int64] | None = None,
@@ -125,7 +125,7 @@ def log_paths(
     (of member m, where there are more, the colour of m mod M).
     """
     seen = simulator.position(observed).astype(np.float32)
-    target = np.asarray(simulator.target(task), dtype=np.float32).reshape(3)
+    target = np.asarray(simulator.target(goal), dtype=np.float32).reshape(3)
     promised = within_reach(simulator.position(forecast), seen)
     colours: Colour | list[Colour] = FORECAST
     if member is not None:

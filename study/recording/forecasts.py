@@ -56,7 +56,7 @@ the observed (**grey**); the epistemic one (**vermilion**) shrinks with more dat
 
 
 @dataclass(frozen=True)
-class Pick:
+class Example:
     """One scenario to look at.
 
     Attributes:
@@ -64,7 +64,7 @@ class Pick:
         rule: why it was chosen, or what it is; what stands before a colon names its tab.
         s0: [D].
         actions: [T, A].
-        task: [G].
+        goal: [G].
         observed: [K, T, D], the states s_1 … s_T that were observed.
         forecast: [K, T, D], the states that were forecast.
         member: [K] int, the ensemble member behind each forecast, or None; where a pair of members
@@ -79,7 +79,7 @@ class Pick:
     rule: str
     s0: Floats
     actions: Floats
-    task: Floats
+    goal: Floats
     observed: Floats
     forecast: Floats
     member: NDArray[np.int64] | None = None
@@ -101,7 +101,7 @@ class Pick:
 def record_forecast(
     path: Path,
     simulator: "Simulator",
-    picks: Sequence[Pick],
+    examples: Sequence[Example],
     properties: Properties,
     readme: str = README,
     notes: str = "",
@@ -111,71 +111,79 @@ def record_forecast(
     Args:
         path: the recording.
         simulator: the real system.
-        picks: the scenarios, a tab each.
+        examples: the scenarios, a tab each.
         properties: where the forecasts come from.
         readme: Markdown, what the recording is.
         notes: Markdown for the panel of each scenario, before how to read it.
     """
-    titles = _titles(picks)
+    titles = _titles(examples)
     roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
-    quantiles = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in picks]
-    design = _design(simulator, picks, roots, quantiles)
+    quantiles = [(bands.quantiles(p.observed), bands.quantiles(p.forecast)) for p in examples]
+    design = _design(simulator, examples, roots, quantiles)
     # Hundreds of small entities: an index of them would be larger than what it points to.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, readme, properties)
         model = simulator.scene()
         fixed = scenes.fixed_bodies(model)
         scenes.log_bodies(stream, "/scene", model, fixed)
-        if picks:
-            scenes.log_poses(stream, "/scene", model, fixed, simulator.configuration(picks[0].s0))
-        for root, pick, (observed, forecast) in zip(roots.values(), picks, quantiles, strict=True):
-            _log_about(stream, root, simulator, pick, notes)
-            _log_scene(stream, f"{root}/scene", simulator, model, pick)
+        if examples:
+            scenes.log_poses(
+                stream, "/scene", model, fixed, simulator.configuration(examples[0].s0)
+            )
+        for root, example, (observed, forecast) in zip(
+            roots.values(), examples, quantiles, strict=True
+        ):
+            _log_about(stream, root, simulator, example, notes)
+            _log_scene(stream, f"{root}/scene", simulator, model, example)
             fans.log_paths(
                 stream,
                 f"{root}/paths",
                 simulator,
-                pick.task,
-                pick.observed[:FANS],
-                pick.forecast[:FANS],
-                None if pick.member is None else pick.member[:FANS],
-                pick.members,
+                example.goal,
+                example.observed[:FANS],
+                example.forecast[:FANS],
+                None if example.member is None else example.member[:FANS],
+                example.members,
             )
-            _log_success(stream, f"{root}/success", simulator, pick)
-            if pick.aleatoric is not None and pick.epistemic is not None:
-                seen = simulator.position(pick.observed)
-                spread.log_spread(stream, f"{root}/spread", seen, pick.aleatoric, pick.epistemic)
+            _log_success(stream, f"{root}/success", simulator, example)
+            if example.aleatoric is not None and example.epistemic is not None:
+                seen = simulator.position(example.observed)
+                spread.log_spread(
+                    stream, f"{root}/spread", seen, example.aleatoric, example.epistemic
+                )
             for dimension, variable in enumerate(simulator.state):
                 entity = entity_path(*root.strip("/").split("/"), "state", variable.name)
                 bands.log_bands(stream, entity, observed[..., dimension], forecast[..., dimension])
 
 
-def success_so_far(simulator: "Simulator", states: Floats, task: Floats) -> NDArray[np.float64]:
+def success_so_far(simulator: "Simulator", states: Floats, goal: Floats) -> NDArray[np.float64]:
     """The share [T] of trajectories [K, T, D] that have succeeded at or before each step."""
     with np.errstate(invalid="ignore", over="ignore"):
-        distance = np.linalg.norm(simulator.position(states) - simulator.target(task), axis=-1)
+        distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
         close = distance <= simulator.radius
     return np.asarray(np.maximum.accumulate(close, axis=-1).mean(axis=0))
 
 
-def _titles(picks: Sequence[Pick]) -> list[str]:
+def _titles(examples: Sequence[Example]) -> list[str]:
     """The tabs' titles; the second of one name is numbered."""
     titles: list[str] = []
-    for pick in picks:
-        count = sum(title.rstrip("0123456789 ") == pick.title for title in titles)
-        titles.append(pick.title if not count else f"{pick.title} {count + 1}")
+    for example in examples:
+        count = sum(title.rstrip("0123456789 ") == example.title for title in titles)
+        titles.append(example.title if not count else f"{example.title} {count + 1}")
     return titles
 
 
 def _design(
     simulator: "Simulator",
-    picks: Sequence[Pick],
+    examples: Sequence[Example],
     roots: dict[str, str],
     quantiles: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> rrb.Blueprint:
     views: dict[str, list[tuple[str, str, tuple[float, float] | None]]] = {}
     eyes: dict[str, rrb.EyeControls3D] = {}
-    for root, pick, (observed, forecast) in zip(roots.values(), picks, quantiles, strict=True):
+    for root, example, (observed, forecast) in zip(
+        roots.values(), examples, quantiles, strict=True
+    ):
         views[root] = [
             (
                 bands.title(variable),
@@ -184,37 +192,41 @@ def _design(
             )
             for dimension, variable in enumerate(simulator.state)
         ]
-        eyes[root] = fans.eye(simulator.position(pick.observed[:FANS]), simulator.target(pick.task))
-    split = {root for root, pick in zip(roots.values(), picks, strict=True) if pick.is_split}
+        eyes[root] = fans.eye(
+            simulator.position(example.observed[:FANS]), simulator.target(example.goal)
+        )
+    split = {
+        root for root, example in zip(roots.values(), examples, strict=True) if example.is_split
+    }
     return blueprints.forecast(roots, views, eyes, split)
 
 
 def _log_about(
-    stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick, notes: str
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", example: Example, notes: str
 ) -> None:
-    observed = success_so_far(simulator, pick.observed, pick.task)[-1]
-    forecast = success_so_far(simulator, pick.forecast, pick.task)[-1]
-    seconds = simulator.control_step * len(pick.actions)
-    chosen = f"Scenario {pick.scenario}, chosen by this rule: *{pick.rule}*."
+    observed = success_so_far(simulator, example.observed, example.goal)[-1]
+    forecast = success_so_far(simulator, example.forecast, example.goal)[-1]
+    seconds = simulator.control_step * len(example.actions)
+    chosen = f"Scenario {example.scenario}, chosen by this rule: *{example.rule}*."
     text = (
-        f"# {pick.title}\n\n{f'*{pick.rule}*' if pick.scenario is None else chosen}\n\n"
-        f"Success within {seconds:.3g} s ({len(pick.actions)} steps): "
+        f"# {example.title}\n\n{f'*{example.rule}*' if example.scenario is None else chosen}\n\n"
+        f"Success within {seconds:.3g} s ({len(example.actions)} steps): "
         f"**forecast {forecast:.0%}**, **observed {observed:.0%}** "
-        f"of {len(pick.forecast)} and {len(pick.observed)} runs.\n\n"
+        f"of {len(example.forecast)} and {len(example.observed)} runs.\n\n"
         f"{notes and notes + chr(10) * 2}## How to read it\n{_HOW_TO_READ}"
     )
-    if pick.members is not None:
-        text += _OF_MEMBERS.format(members=len(pick.members))
-    if pick.is_split:
+    if example.members is not None:
+        text += _OF_MEMBERS.format(members=len(example.members))
+    if example.is_split:
         text += _OF_SPLIT
     write_markdown(stream, f"{root}/about", text)
 
 
 def _log_scene(
-    stream: rr.RecordingStream, root: str, simulator: "Simulator", model: object, pick: Pick
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", model: object, example: Example
 ) -> None:
     """The moving bodies: at s0 (time 0), then along the first observed run."""
-    run = np.concatenate([pick.s0[None], pick.observed[0]])
+    run = np.concatenate([example.s0[None], example.observed[0]])
     run = run[: _finite_rows(run)]
     moving = scenes.moving_bodies(model)
     scenes.log_bodies(stream, root, model, moving)
@@ -228,11 +240,13 @@ def _finite_rows(states: Floats) -> int:
     return max(1, int(lost.argmax())) if lost.any() else len(states)
 
 
-def _log_success(stream: rr.RecordingStream, root: str, simulator: "Simulator", pick: Pick) -> None:
+def _log_success(
+    stream: rr.RecordingStream, root: str, simulator: "Simulator", example: Example
+) -> None:
     for name, states, colour, width in (
-        ("observed", pick.observed, OBSERVED, 2.0),
-        ("forecast", pick.forecast, FORECAST, 3.0),
+        ("observed", example.observed, OBSERVED, 2.0),
+        ("forecast", example.forecast, FORECAST, 3.0),
     ):
-        share = success_so_far(simulator, states, pick.task)
+        share = success_so_far(simulator, states, example.goal)
         style_lines(stream, f"{root}/{name}", [name], [colour], width)
         send_scalars(stream, f"{root}/{name}", TIMELINE, np.arange(1, len(share) + 1), share)

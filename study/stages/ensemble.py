@@ -16,26 +16,26 @@ import torch
 from study.common.progress import Progress
 from study.common.provenance import made_with
 from study.common.seeds import derive, torch_seed
-from study.data.normalization import Scaling
-from study.data.storage import load_arrays, save_parts
-from study.data.trajectories import Floats, ScenarioSet, Trajectories
-from study.models.checkpoints import load_model, save_model
-from study.models.model_ensemble import EnsembleOf
+from study.data.storage import save_parts
+from study.data.trajectories import Floats
+from study.models.checkpoints import save_model
+from study.models.forecasting import members_in_parts
 from study.models.rnn_ensemble import Ensemble
 from study.recording.training import RerunLogger
-from study.training.data_module import TrajectoryModule
+from study.training.data_module import TrajectoryDataModule
 from study.training.fit import fit
+from study.training.inputs import training_data
 
 CHUNK = 512
 
 
 def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
     """See the module."""
-    training, validation, scaling = training_data(settings, inputs["data"])
+    training, validation, normalization = training_data(settings, inputs["data"])
     options = settings["ensemble"]
     folds = options.get("data") == "folds"
-    data = TrajectoryModule(
-        scaling,
+    data = TrajectoryDataModule(
+        normalization,
         training,
         validation,
         options["batch_size"],
@@ -44,7 +44,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
         folds=folds,
     )
     torch.manual_seed(torch_seed(settings["seed"]))
-    model = Ensemble(scaling, {"ensemble": options})
+    model = Ensemble(normalization, {"ensemble": options})
     properties = {
         "seed": str(settings["seed"]),
         **made_with(),
@@ -73,30 +73,6 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     save_parts(out / "members.safetensors", ({"members": part} for part in parts), len(training))
 
 
-def training_data(
-    settings: dict[str, Any], folder: Path
-) -> tuple[Trajectories, ScenarioSet, Scaling]:
-    """The cell's share of the training trajectories, the validation scenarios, standard units."""
-    first, count = settings["first"], settings["trajectories"]
-    training = Trajectories.load(folder / "train.safetensors")[first : first + count]
-    validation = ScenarioSet.load(folder / "validation.safetensors")
-    return training, validation, Scaling.of(training)
-
-
-def forecast_members(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Floats:
-    """ŷ_m of all members [N, M, T, D] in SI units, from [N, D] and [N, T, A] in SI units."""
-    return np.concatenate(list(members_in_parts(model, s0, actions)))
-
-
-@torch.no_grad()
-def members_in_parts(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Iterator[Floats]:
-    """As `forecast_members`, some trajectories at a time."""
-    for start in range(0, len(s0), CHUNK):
-        chunk = slice(start, start + CHUNK)
-        standard = model.standard(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
-        yield model.physical(model(*standard)).cpu().numpy()
-
-
 def that_left_it_out(parts: Iterator[Floats]) -> Iterator[Floats]:
     """ŷ_m [n, M, T, D] of trajectories in a row: of each that member's for all which left it out.
 
@@ -109,16 +85,3 @@ def that_left_it_out(parts: Iterator[Floats]) -> Iterator[Floats]:
         chosen = part[rows, (first + rows) % members]
         yield np.broadcast_to(chosen[:, None], part.shape)
         first += len(part)
-
-
-def load_ensemble(folder: Path) -> Ensemble:
-    """The fitted ensemble that `run` wrote."""
-    model = load_model(folder / "ensemble.safetensors")
-    assert isinstance(model, Ensemble)
-    return model
-
-
-def load_members(folder: Path) -> Floats:
-    """The members' forecasts of the training trajectories [N, M, T, D] that `run` wrote."""
-    arrays, _ = load_arrays(folder / "members.safetensors")
-    return arrays["members"]

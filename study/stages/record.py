@@ -8,20 +8,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.common.files import copy, read_json
 from study.common.progress import Progress
 from study.common.provenance import made_with
 from study.config.grid import Cell
-from study.data.storage import Arrays, load_arrays
-from study.data.trajectories import Floats
 from study.envs import simulators
-from study.envs.simulator import Simulator
-from study.metrics.variance import Decomposition, decompose
-from study.recording.forecasts import Pick, record_forecast
+from study.recording.examples import read_examples
+from study.recording.forecasts import record_forecast
 from study.recording.integrity import checksum_path
 from study.recording.properties import Properties
 from study.recording.scores import record_scores
@@ -47,8 +42,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     record_scores(out / "scores.rrd", scores, properties)
     progress(0.5, "forecasts")
     simulator = simulators[cell.environment]()
-    picks = read_picks(inputs["evaluation"] / "picks.safetensors", scores, simulator)
-    record_forecast(out / "forecast.rrd", simulator, picks, properties)
+    examples = read_examples(inputs["evaluation"] / "examples.safetensors", scores, simulator)
+    record_forecast(out / "forecast.rrd", simulator, examples, properties)
 
 
 def _properties(cell: Cell, inputs: dict[str, Path]) -> Properties:
@@ -71,49 +66,3 @@ def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
         trial | {"intermediate": {int(k): v for k, v in trial["intermediate"].items()}}
         for trial in trials
     ]
-
-
-def read_picks(path: Path, scores: pd.DataFrame, simulator: Simulator) -> list[Pick]:
-    """What stage evaluate picked; with an ensemble, the variance of the position in its parts."""
-    arrays, facts = load_arrays(path)
-    discrepancy = scores[
-        (scores.metric == "mmd2") & (scores.step == -1) & (scores.dimension == "all")
-    ].set_index("scenario")["value"]
-    return [
-        as_pick(
-            arrays,
-            row,
-            simulator,
-            int(scenario),
-            f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}",
-        )
-        for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True))
-    ]
-
-
-def as_pick(
-    arrays: Arrays, row: int, simulator: Simulator, scenario: int | None, rule: str
-) -> Pick:
-    """One row of what stage evaluate keeps of its picks; with an ensemble, the spread in parts."""
-    each = ("s0", "actions", "task", "observed", "forecast", "member", "members")
-    of_pick = {name: arrays[name][row] for name in each if name in arrays}
-    if "member" in of_pick:
-        parts = position_variance(simulator, of_pick["forecast"], of_pick["member"])
-        of_pick |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
-    return Pick(scenario=scenario, rule=rule, **of_pick)
-
-
-def position_variance(
-    simulator: Simulator, states: Floats, member: NDArray[np.int64] | None = None
-) -> Decomposition:
-    """Variance of the position over the horizon [T] in m², summed over its axes, and its parts.
-
-    Unbiased: of few samples a member, the members' means differ by chance too.
-
-    Args:
-        simulator: knows the position.
-        states: [K, T, D].
-        member: [K], the ensemble member behind each; None without an ensemble.
-    """
-    parts = decompose(simulator.position(states)[None], None if member is None else member[None])
-    return Decomposition(*(part.sum(axis=-1) for part in vars(parts).values()))

@@ -23,8 +23,8 @@ from study.common.files import write_json
 from study.common.progress import Progress
 from study.common.seeds import derive, torch_seed
 from study.models import models
-from study.stages.train import prepare
 from study.training.fit import fit
+from study.training.inputs import prepare
 
 RESUMABLE = True
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)

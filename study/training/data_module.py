@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from study.common.seeds import spawn
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.data.trajectories import Floats, ScenarioSet, Trajectories
 
 Batch = dict[str, Tensor]
@@ -58,7 +58,7 @@ class ShuffledBatches(Sampler[Tensor]):
                 yield batch[0] if self.single else batch
 
 
-class TrajectoryModule(L.LightningDataModule):
+class TrajectoryDataModule(L.LightningDataModule):
     """Batches for one model.
 
     A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, where given,
@@ -68,7 +68,7 @@ class TrajectoryModule(L.LightningDataModule):
     forecaster is given, and what its forecasts are scored against.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         training: trajectories to learn from.
         validation: scenarios to score forecasts on, none of them in `training`.
         batch_size: B.
@@ -80,7 +80,7 @@ class TrajectoryModule(L.LightningDataModule):
 
     def __init__(
         self,
-        scaling: Scaling,
+        normalization: Normalization,
         training: Trajectories,
         validation: ScenarioSet,
         batch_size: int,
@@ -91,11 +91,11 @@ class TrajectoryModule(L.LightningDataModule):
     ) -> None:
         super().__init__()
         tensors = {
-            "states": scaling.standard_states(training.states),
-            "actions": scaling.standard_actions(training.actions),
+            "states": normalization.normalize_states(training.states),
+            "actions": normalization.normalize_actions(training.actions),
         }
         if members is not None:
-            tensors["members"] = scaling.standard_states(members)
+            tensors["members"] = normalization.normalize_states(members)
         self.training = InMemory(tensors)
         self.validation = InMemory(
             {

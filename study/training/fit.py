@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, Logger
+from numpy.typing import NDArray
 
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
@@ -17,14 +18,14 @@ from study.data.trajectories import Floats
 from study.metrics.mmd import mmd
 from study.models import Model
 from study.models.base import LOG_EVERY, ValidationScore
-from study.training.data_module import TrajectoryModule
+from study.training.data_module import TrajectoryDataModule
 
 # Steps of the horizon that a look at the validation data scores, at most: those between them tell
 # hardly more, since neighbouring steps fare alike.
 SCORED_STEPS = 30
 
 
-def validation_score(scale: Floats, bandwidth: Floats) -> ValidationScore:
+def validation_score(scale: NDArray[np.float64], bandwidth: NDArray[np.float64]) -> ValidationScore:
     """Unbiased MMD² of forecasts [V, K, T, D] against observed [V, L, T, D], averaged.
 
     The same measure as on the test set, on scenarios of its own and at every few steps: what is
@@ -58,7 +59,7 @@ class Told(Callback):
 
 def fit(
     model: Model,
-    data: TrajectoryModule,
+    data: TrajectoryDataModule,
     out: Path,
     progress: Progress,
     *,

@@ -56,7 +56,7 @@ def collection(count: int, physics: bool) -> Cost:
     def constant_rollout(self: Pusher, s0: Any, actions: Any, seeds: Any = None) -> Rollout:
         shape = (len(s0), self.horizon + 1, len(self.state))
         states = np.full(shape, 0.5, np.float32) + s0[:, None]
-        return Rollout(states, np.zeros((len(s0), len(self.hidden)), np.float32))
+        return Rollout(states, np.zeros((len(s0), len(self.unobserved)), np.float32))
 
     def work() -> None:
         with tempfile.TemporaryDirectory() as folder:

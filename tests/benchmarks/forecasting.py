@@ -22,7 +22,7 @@ from study.common.seeds import spawn
 from study.config.settings import Config
 from study.data.trajectories import Trajectories
 from study.envs import simulators
-from study.stages.collect import repeat_rollouts
+from study.envs.observe import repeat_rollouts
 from tests.benchmarks.plain import plain
 from tests.benchmarks.sizes import MODELS, SIZES, built, observe
 from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast, verdict

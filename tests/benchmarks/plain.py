@@ -49,11 +49,11 @@ class PlainMembers(nn.Module):
 class PlainMember(nn.Module):
     """One of `Members`, with its weights."""
 
-    change_scale: Tensor
+    delta_std: Tensor
 
     def __init__(self, members: Members, index: int) -> None:
         super().__init__()
-        self.register_buffer("change_scale", members.change_scale)
+        self.register_buffer("delta_std", members.delta_std)
         self.start = _linear(members.start.weight[index].T, members.start.bias[index, 0])
         self.cell = _cell(
             torch.cat([members.driven.weight, members.feed.weight], 1)[index].T,
@@ -68,7 +68,7 @@ class PlainMember(nn.Module):
         state, hidden, states = s0, torch.tanh(self.start(s0)), []
         for action in actions.unbind(1):
             hidden = self.cell(torch.cat([action, state], -1), hidden)
-            state = state + self.out(hidden) * self.change_scale
+            state = state + self.out(hidden) * self.delta_std
             states.append(state)
         return torch.stack(states, dim=1)
 

@@ -18,10 +18,10 @@ import numpy as np
 from lightning.pytorch.loggers import Logger
 
 from study.common.progress import Progress
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.data.trajectories import ScenarioSet
 from study.recording.training import RerunLogger
-from study.training.data_module import TrajectoryModule
+from study.training.data_module import TrajectoryDataModule
 from study.training.fit import fit
 from tests.benchmarks.sizes import SIZES, built, observe
 from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast
@@ -45,9 +45,9 @@ def main() -> None:
     validation = ScenarioSet(
         s0=few.states[:, 0],
         actions=few.actions,
-        task=few.task,
+        goal=few.goal,
         observed=few.states[:, None, 1:],
-        hidden=few.hidden[:, None],
+        unobserved=few.unobserved[:, None],
         facts={},
     )
     for name in ("full_vae", "probabilistic_mlp"):
@@ -55,8 +55,10 @@ def main() -> None:
         def train(loggers: Sequence[Logger], folder: Path, name: str = name) -> None:
             model = built(name, SIZES["quick"], data)
             model.validation_score = lambda forecasts, observed: float(np.var(forecasts))
-            scaling = Scaling.of(data)
-            module = TrajectoryModule(scaling, data[VALIDATION:], validation, BATCH, seed=0)
+            normalization = Normalization.of(data)
+            module = TrajectoryDataModule(
+                normalization, data[VALIDATION:], validation, BATCH, seed=0
+            )
             fit(
                 model,
                 module,

@@ -37,7 +37,7 @@ def contenders(name: str, trajectories: int) -> dict[str, tuple[Callable[[], obj
     threads = len(os.sched_getaffinity(0))
     simulator = simulators[name](threads=threads)
     seeds = spawn(0, trajectories)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     actions = simulator.plan(scenarios, seeds)
     steps = trajectories * simulator.horizon
     few = 8

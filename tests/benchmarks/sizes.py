@@ -7,12 +7,12 @@ import torch
 
 from study.common.progress import Progress
 from study.config.settings import Config, Ensemble, Mlp, Vae
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories, joined
 from study.envs import simulators
+from study.envs.observe import observe_trajectories
 from study.models import Model
 from study.models.checkpoints import build
-from study.stages.collect import observe_trajectories
 
 MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp")
 SIZES = {
@@ -41,8 +41,8 @@ def built(name: str, config: Config, data: Trajectories) -> Model:
         section: asdict(getattr(free, section)) for section in ("ensemble", "vae", "mlp", "train")
     }
     torch.manual_seed(0)
-    scaling = Scaling.of(data)
-    ensemble: Any = build("ensemble", scaling, sections)
+    normalization = Normalization.of(data)
+    ensemble: Any = build("ensemble", normalization, sections)
     if name == "ensemble":
         return ensemble
-    return build(name, scaling, sections, 1.0, ensemble)
+    return build(name, normalization, sections, 1.0, ensemble)

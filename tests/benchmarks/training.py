@@ -64,7 +64,7 @@ def operations(name: str, config: Config, state: int, action: int) -> int:
 
 
 def batch_for(name: str, config: Config, model: Model, data: Trajectories) -> dict[str, Tensor]:
-    """A training batch, as `TrajectoryModule` gives it."""
+    """A training batch, as `TrajectoryDataModule` gives it."""
     state_scale, action_scale = model.state_scale, model.action_scale
     states = (torch.from_numpy(data.states) - model.state_mean) / state_scale
     actions = (torch.from_numpy(data.actions) - model.action_mean) / action_scale

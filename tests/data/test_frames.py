@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from study.data.frames import turn, turned_pairs
-from study.data.normalization import Scaling
+from study.data.frames import rotating_pairs_of, turn
+from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
 from study.envs import simulators
 from study.models.rnn_ensemble import Ensemble
@@ -15,7 +15,7 @@ from tests.helpers.models import settings
 NAMES = ("east", "north", "forward", "left", "heading")
 FACTS: dict[str, Any] = {
     "state": [{"name": name} for name in NAMES],
-    "turned": [["forward", "left", "heading"]],
+    "rotating_pairs": [["forward", "left", "heading"]],
 }
 
 
@@ -30,8 +30,8 @@ def flights() -> Trajectories:
 
 
 def test_the_facts_name_the_columns() -> None:
-    np.testing.assert_array_equal(turned_pairs(FACTS), [[2, 3, 4]])
-    assert turned_pairs({}).shape == (0, 3)
+    np.testing.assert_array_equal(rotating_pairs_of(FACTS), [[2, 3, 4]])
+    assert rotating_pairs_of({}).shape == (0, 3)
 
 
 def test_turned_pairs_stand_still() -> None:
@@ -43,13 +43,13 @@ def test_turned_pairs_stand_still() -> None:
 
 def test_models_see_them_turned_and_forecasts_are_turned_back() -> None:
     data = flights()
-    scaling = Scaling.of(data)
-    model = Ensemble(scaling, settings())
-    np.testing.assert_allclose(scaling.state_mean[2:4], [0.0, 2.0], atol=1e-5)
-    standard = scaling.standard_states(data.states)
-    torch.testing.assert_close(model.standard_states(torch.from_numpy(data.states)), standard)
+    normalization = Normalization.of(data)
+    model = Ensemble(normalization, settings())
+    np.testing.assert_allclose(normalization.state_mean[2:4], [0.0, 2.0], atol=1e-5)
+    standard = normalization.normalize_states(data.states)
+    torch.testing.assert_close(model.normalize_states(torch.from_numpy(data.states)), standard)
     np.testing.assert_allclose(standard[..., 2:4], 0.0, atol=1e-4)
-    back = model.physical(standard).numpy()
+    back = model.denormalize(standard).numpy()
     np.testing.assert_allclose(back, data.states, atol=1e-4)
     assert not np.shares_memory(data.states, standard.numpy())
 
@@ -57,7 +57,7 @@ def test_models_see_them_turned_and_forecasts_are_turned_back() -> None:
 def test_every_environment_names_variables_that_it_has() -> None:
     for name in simulators:
         variables = {variable.name: variable.unit for variable in simulators[name].state}
-        for pair in simulators[name].turned:
+        for pair in simulators[name].rotating_pairs:
             assert [variables[each] for each in pair][2] == "rad"
 
 
@@ -65,11 +65,16 @@ def test_the_uav_accelerates_along_its_turned_tilt() -> None:
     """Of roll and pitch alone, acceleration is no linear function; of the turned pair it is."""
     simulator = simulators["uav"](horizon=20)
     seeds = np.arange(64, dtype=np.uint64)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     states = simulator.rollout(scenarios.s0, simulator.plan(scenarios, seeds)).states
     names = [variable.name for variable in simulator.state]
-    facts = {"state": [{"name": name} for name in names], "turned": simulator.turned}
-    level = turn(torch.from_numpy(states.copy()), torch.from_numpy(turned_pairs(facts))).numpy()
+    facts = {
+        "state": [{"name": name} for name in names],
+        "rotating_pairs": simulator.rotating_pairs,
+    }
+    level = turn(
+        torch.from_numpy(states.copy()), torch.from_numpy(rotating_pairs_of(facts))
+    ).numpy()
     tilt = [names.index("roll"), names.index("pitch")]
     change = np.diff(states[..., names.index("vx")], axis=1).ravel()
 

@@ -8,11 +8,11 @@ import pytest
 from study.common.errors import StudyError
 from study.common.progress import Progress
 from study.data.moments import moments
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.data.storage import Arrays, load_arrays, load_parts, save_arrays, save_parts
 from study.data.trajectories import ScenarioSet, Trajectories, joined, save_all
+from study.envs.observe import CHUNK, observe_scenarios, observe_trajectories
 from study.examples.cart import Cart
-from study.stages.collect import CHUNK, observe_scenarios, observe_trajectories
 
 ROWS = 23
 FACTS = {"unit": "°/s", "quoted": 'a "b" \\', "bounds": [None, 1.5]}
@@ -20,7 +20,12 @@ FACTS = {"unit": "°/s", "quoted": 'a "b" \\', "bounds": [None, 1.5]}
 
 def arrays() -> Arrays:
     generator = np.random.default_rng(1)
-    shapes = {"states": (ROWS, 6, 3), "actions": (ROWS, 5, 1), "hidden": (ROWS, 0), "b": (ROWS,)}
+    shapes = {
+        "states": (ROWS, 6, 3),
+        "actions": (ROWS, 5, 1),
+        "unobserved": (ROWS, 0),
+        "b": (ROWS,),
+    }
     return {
         name: generator.standard_normal(shape).astype(np.float32) for name, shape in shapes.items()
     }
@@ -117,20 +122,20 @@ def test_scaling_of_more_trajectories_than_are_looked_at_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     train = joined(observe_trajectories(Cart(), 50, 0, Progress()))
-    whole = Scaling.of(train)
+    whole = Normalization.of(train)
     monkeypatch.setattr("study.data.normalization.PART", 7)
-    for name, value in vars(Scaling.of(train)).items():
+    for name, value in vars(Normalization.of(train)).items():
         np.testing.assert_array_equal(value, getattr(whole, name))
     changes = np.diff(train.states, axis=1) / whole.state_scale
     expected = changes.std(axis=(0, 1), dtype=np.float64).astype(np.float32)
-    np.testing.assert_array_equal(whole.change_scale, expected)
+    np.testing.assert_array_equal(whole.delta_std, expected)
 
 
 def test_observations_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However many are simulated at once, the file is the same."""
 
     def files(chunk: int) -> tuple[bytes, ...]:
-        monkeypatch.setattr("study.stages.collect.CHUNK", chunk)
+        monkeypatch.setattr("study.envs.observe.CHUNK", chunk)
         train = observe_trajectories(Cart(), 9, 0, Progress())
         save_all(tmp_path / "train", train, 9)
         save_all(tmp_path / "test", observe_scenarios(Cart(), 5, 3, 0, Progress()), 5)

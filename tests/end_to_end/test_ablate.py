@@ -8,8 +8,8 @@ import pytest
 from study.common.files import read_json
 from study.common.progress import Progress
 from study.examples.cart import Cart
+from study.models.oracle import Oracle
 from study.stages import collect, validate
-from study.stages.evaluate import Oracle
 from tests.helpers.running import SMALL, study
 
 CHANGES = "--ablations=[vae.forecast=mean, vae.latent_size=1 vae.feeding=free]"

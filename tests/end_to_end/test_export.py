@@ -63,14 +63,14 @@ def test_it_holds_what_the_study_trains_on(
     assert dataset.total_episodes == len(trajectories) == 40
     assert dataset.total_steps == 40 * 30
     for row, episode in enumerate(dataset):
-        states, task = np.split(episode.observations, [len(Cart.state)], axis=-1)
+        states, goal = np.split(episode.observations, [len(Cart.state)], axis=-1)
         assert episode.observations.dtype == np.float32
         np.testing.assert_array_equal(states, trajectories.states[row])
-        np.testing.assert_array_equal(task, np.tile(trajectories.task[row], (31, 1)))
+        np.testing.assert_array_equal(goal, np.tile(trajectories.goal[row], (31, 1)))
         actions = environment.physical(episode.actions)
         np.testing.assert_array_equal(actions, trajectories.actions[row])
-    hidden = [about["hidden"] for about in dataset.storage.get_episode_metadata(range(40))]
-    np.testing.assert_array_equal(hidden, trajectories.hidden)
+    unobserved = [about["unobserved"] for about in dataset.storage.get_episode_metadata(range(40))]
+    np.testing.assert_array_equal(unobserved, trajectories.unobserved)
 
 
 def test_stepping_the_recovered_environment_gives_every_episode_again(
@@ -82,7 +82,7 @@ def test_stepping_the_recovered_environment_gives_every_episode_again(
         dataset, dataset.storage.get_episode_metadata(range(len(dataset))), strict=True
     ):
         observation, info = environment.reset(options=about["options"])
-        np.testing.assert_array_equal(info["hidden"], about["hidden"])
+        np.testing.assert_array_equal(info["unobserved"], about["unobserved"])
         observations, steps = [observation], []
         for action in episode.actions:
             observation, *step, info = environment.step(action)
@@ -117,7 +117,7 @@ def test_names_units_seeds_versions_and_checksum(
     assert about == trajectories.facts
     assert [(v["name"], v["unit"]) for v in about["state"]] == [("x", "m"), ("v", "m/s")]
     assert about["action"][0]["low"] == -1.0
-    assert about["task"][0]["low"] is None  # JSON has no infinity
+    assert about["goal"][0]["low"] is None  # JSON has no infinity
     assert {"seed", "environment_version", "control_step"} <= about.keys()
     assert {"mujoco", "numpy", "study"} <= about["versions"].keys()
     assert files == {"main_data.hdf5": sha256(root / ID / "data" / "main_data.hdf5")}

@@ -78,7 +78,7 @@ def test_every_cell_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_disk_that_is_full_while_a_stage_runs(
     copied: Path, small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    changed = [*SMALL, "--evaluate.picks", "1", "--out", copied]
+    changed = [*SMALL, "--evaluate.examples", "1", "--out", copied]
     with monkeypatch.context() as context:
         context.setattr("study.stages.evaluate.save_arrays", _full)
         done = study("all", *changed)

@@ -46,7 +46,7 @@ def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int
     known = folder.read(shipped)
     cell = known.cell(name, "--cell")
     question = Question(known, cell, scenario)
-    pick = answer(question, read_scenario(question), Progress())
+    example = answer(question, read_scenario(question), Progress())
     scores = pd.read_parquet(shipped / "scores.parquet")
     rows = scores[
         np.logical_and.reduce([scores[key] == value for key, value in asdict(cell).items()])
@@ -55,7 +55,7 @@ def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int
         & (scores.step == -1)
     ].set_index("dimension")
     simulator = simulator_of(known, cell.environment)
-    shares = outcome_shares(simulator, pick)
+    shares = outcome_shares(simulator, example)
     assert len(shares) >= 3
     for dimension, (share, _) in zip(["all", *list(shares)[1:]], shares.values(), strict=True):
         assert np.float32(share) == rows.value[dimension]
@@ -72,9 +72,9 @@ def test_a_test_scenario_is_drawn_again_to_the_bit(
     ]
     test, known = ScenarioSet.load(path), folder.read(shipped)
     question = Question(known, known.cell(f"{environment}/low/full_vae/seed-0", "--cell"), 6)
-    pick = answer(question, read_scenario(question), Progress())
-    for name in ("s0", "actions", "task", "observed"):
-        np.testing.assert_array_equal(getattr(pick, name), getattr(test, name)[6])
+    example = answer(question, read_scenario(question), Progress())
+    for name in ("s0", "actions", "goal", "observed"):
+        np.testing.assert_array_equal(getattr(example, name), getattr(test, name)[6])
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json"])
@@ -178,7 +178,7 @@ def plan_columns() -> Columns:
     """A plan of the cart's, of four steps."""
     return {
         "s0": {"x": 0.5, "v": -0.25},
-        "task": {"target": 1.0},
+        "goal": {"target": 1.0},
         "action": {"force": [0.1, 0.2, -1.0, 1.0]},
     }
 
@@ -194,7 +194,7 @@ def put(group: str, name: str, value: object) -> Callable[[Columns], object]:
 WRONG = [
     (drop("s0", "v"), "missing: s0.v (velocity, m/s)"),
     (drop("action", "force"), "missing: action.force (push, N)"),
-    (put("task", "taget", 0.0), "unknown column 'task.taget'"),
+    (put("goal", "taget", 0.0), "unknown column 'goal.taget'"),
     (put("goal", "x", 0.0), "unknown column 'goal.x'"),
     (put("s0", "x", [0.0, 1.0]), "s0.x: got 2 values; it takes 1"),
     (put("s0", "x", []), "s0.x: got 0 values; it takes 1"),
@@ -240,7 +240,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path, suffix: str) -> None:
         ("", "it is empty"),
         ("s0.x,s0.x\n1,2\n", "column 's0.x' stands there twice"),
         ("s0.x,s0.v\n1,2,3\n", "row 1 has 3 cells; the header has 2"),
-        ("s0.x,s0.v,task.target,action.force\n0,0,0,1\n,,,\n,,,1\n", "step 1: got ''"),
+        ("s0.x,s0.v,goal.target,action.force\n0,0,0,1\n,,,\n,,,1\n", "step 1: got ''"),
     ],
 )
 def test_one_line_about_a_csv(tmp_path: Path, text: str, said: str) -> None:

@@ -11,7 +11,7 @@ from study.common.files import read_json
 from study.config.grid import Cell
 from study.config.settings import Config, Grid
 from study.data.trajectories import ScenarioSet, Trajectories
-from study.stages.ensemble import training_data
+from study.training.inputs import training_data
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import MANIFEST, Store, Task
 from study.workflow.task_cache import line_up, record_tasks

@@ -28,7 +28,7 @@ class World:
 @pytest.fixture(scope="module", params=["pusher", "uav", "cart"])
 def world(request: pytest.FixtureRequest) -> World:
     simulator, seeds = simulators[request.param](), spawn(7, COUNT)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     if request.param == "uav":
         scenarios.s0[3, 2] = 1.0  # one that crashes
         scenarios.s0[5, 16] = 0.05  # and one that runs empty
@@ -40,23 +40,23 @@ def world(request: pytest.FixtureRequest) -> World:
 
 def test_arrays_have_the_sizes_of_the_tables(world: World) -> None:
     simulator, horizon = world.simulator, world.simulator.default_horizon
-    tables = (simulator.state, simulator.action, simulator.task, simulator.hidden)
+    tables = (simulator.state, simulator.action, simulator.goal, simulator.unobserved)
     d, a, g, h = map(len, tables)
     assert world.noisy.states.shape == (COUNT, horizon + 1, d)
     assert world.actions.shape == (COUNT, horizon, a)
-    assert world.scenarios.task.shape == (COUNT, g)
-    assert world.noisy.hidden.shape == (COUNT, h)
-    for array in (world.scenarios.s0, world.scenarios.task, world.actions):
+    assert world.scenarios.goal.shape == (COUNT, g)
+    assert world.noisy.unobserved.shape == (COUNT, h)
+    for array in (world.scenarios.s0, world.scenarios.goal, world.actions):
         assert array.dtype == np.float32
-    assert world.noisy.states.dtype == world.noisy.hidden.dtype == np.float32
+    assert world.noisy.states.dtype == world.noisy.unobserved.dtype == np.float32
     for table in tables:
         assert len({variable.name for variable in table}) == len(table)
 
 
 def test_numbers_lie_within_the_bounds_of_the_tables(world: World) -> None:
     simulator = world.simulator
-    tables = (simulator.state, simulator.action, simulator.task, simulator.hidden)
-    arrays = (world.noisy.states, world.actions, world.scenarios.task, world.noisy.hidden)
+    tables = (simulator.state, simulator.action, simulator.goal, simulator.unobserved)
+    arrays = (world.noisy.states, world.actions, world.scenarios.goal, world.noisy.unobserved)
     for table, array in zip(tables, arrays, strict=True):
         for column, variable in enumerate(table):
             assert array[..., column].min() >= np.float32(variable.low), variable
@@ -78,7 +78,7 @@ def test_no_actions_drive_the_state_out_of_its_bounds(world: World) -> None:
 @pytest.mark.parametrize("horizon", [1, 7, 65])
 def test_any_horizon(world: World, horizon: int) -> None:
     simulator = simulators[world.simulator.name](horizon)
-    scenarios = simulator.draw(world.seeds[:3])
+    scenarios = simulator.sample_scenarios(world.seeds[:3])
     actions = simulator.plan(scenarios, world.seeds[:3])
     states = simulator.rollout(scenarios.s0, actions, world.seeds[:3]).states
     assert actions.shape[:2] == (3, horizon)
@@ -117,15 +117,18 @@ def test_a_trajectory_depends_on_its_own_seed_alone(
 ) -> None:
     simulator = simulators[world.simulator.name](threads=threads)
     monkeypatch.setattr(type(simulator), "at_once", at_once)
-    drawn, expected = simulator.draw(world.seeds[rows]), world.simulator.draw(world.seeds)
+    drawn, expected = (
+        simulator.sample_scenarios(world.seeds[rows]),
+        world.simulator.sample_scenarios(world.seeds),
+    )
     np.testing.assert_array_equal(drawn.s0, expected.s0[rows])
-    np.testing.assert_array_equal(drawn.task, expected.task[rows])
-    scenarios = Scenarios(world.scenarios.s0[rows], world.scenarios.task[rows])
+    np.testing.assert_array_equal(drawn.goal, expected.goal[rows])
+    scenarios = Scenarios(world.scenarios.s0[rows], world.scenarios.goal[rows])
     planned = simulator.plan(scenarios, world.seeds[rows])
     np.testing.assert_array_equal(planned, world.actions[rows])
     again = simulator.rollout(scenarios.s0, world.actions[rows], world.seeds[rows])
     np.testing.assert_array_equal(again.states, world.noisy.states[rows])
-    np.testing.assert_array_equal(again.hidden, world.noisy.hidden[rows])
+    np.testing.assert_array_equal(again.unobserved, world.noisy.unobserved[rows])
 
 
 def test_noise_drawn_ahead_is_the_noise_drawn_step_by_step(world: World) -> None:
@@ -161,7 +164,7 @@ def test_actions_beyond_their_bounds_count_as_the_bounds(world: World) -> None:
 
 
 def test_scenarios_vary(world: World) -> None:
-    assert (world.scenarios.task.std(axis=0) > 0).all()
+    assert (world.scenarios.goal.std(axis=0) > 0).all()
     assert (world.scenarios.s0.std(axis=0) > 0).any()
 
 
@@ -172,16 +175,16 @@ def test_events_are_named_and_one_a_trajectory(world: World) -> None:
 
 
 def test_outcomes_are_named_and_the_task_comes_first(world: World) -> None:
-    states, task = world.noisy.states[:, 1:], world.scenarios.task
-    found = world.simulator.outcomes(states, task)
+    states, goal = world.noisy.states[:, 1:], world.scenarios.goal
+    found = world.simulator.outcomes(states, goal)
     first = next(iter(found))
-    np.testing.assert_array_equal(found[first], world.simulator.outcome(states, task))
+    np.testing.assert_array_equal(found[first], world.simulator.outcome(states, goal))
     broken = states.copy()
     broken[:, -1] = np.nan
     fan = np.repeat(states[:, None], 2, axis=1)
     for name, happened in found.items():
         assert happened.shape == (COUNT,), name
         assert happened.dtype == np.bool_
-        assert world.simulator.outcomes(fan, task[:, None])[name].shape == (COUNT, 2)
-        if name != first:  # the task may have succeeded before
-            assert not world.simulator.outcomes(broken, task)[name].any(), name
+        assert world.simulator.outcomes(fan, goal[:, None])[name].shape == (COUNT, 2)
+        if name != first:  # the goal may have succeeded before
+            assert not world.simulator.outcomes(broken, goal)[name].any(), name

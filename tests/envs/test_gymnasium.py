@@ -45,11 +45,11 @@ def test_check_env_has_no_complaint(name: str) -> None:
 def test_whole_trajectories_are_those_of_the_batched_simulator(name: str) -> None:
     """The contract asks for 1e-9; they are the same numbers."""
     simulator, seeds = simulators[name](), spawn(1, 12)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     actions = simulator.plan(scenarios, seeds)
     noise = spawn(2, 12)
     batched = simulator.rollout(scenarios.s0, actions, noise)
-    succeeded = simulator.outcome(batched.states[:, 1:], scenarios.task)
+    succeeded = simulator.outcome(batched.states[:, 1:], scenarios.goal)
     environment, size = make(name), len(simulator.state)
     for row in (0, 5):
         seeds_of_row = {"scenario": seeds[row], "noise": noise[row]}
@@ -65,14 +65,14 @@ def test_whole_trajectories_are_those_of_the_batched_simulator(name: str) -> Non
             total += reward
         np.testing.assert_allclose(states, batched.states[row], rtol=0, atol=1e-9)
         np.testing.assert_array_equal(states, batched.states[row])
-        np.testing.assert_array_equal(observation[size:], scenarios.task[row])
-        np.testing.assert_array_equal(info["hidden"], batched.hidden[row])
+        np.testing.assert_array_equal(observation[size:], scenarios.goal[row])
+        np.testing.assert_array_equal(info["unobserved"], batched.unobserved[row])
         assert total == info["success"] == succeeded[row]
 
 
 def test_the_nominal_system_can_be_asked_for() -> None:
     simulator, seeds = simulators["pusher"](), spawn(3, 1)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     actions = simulator.plan(scenarios, seeds)
     nominal = simulator.rollout(scenarios.s0, actions).states[0]
     environment = make("pusher")

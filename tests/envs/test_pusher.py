@@ -29,7 +29,7 @@ def seeds() -> Seeds:
 
 @pytest.fixture(scope="module")
 def scenarios(pusher: Pusher, seeds: Seeds) -> Scenarios:
-    return pusher.draw(seeds)
+    return pusher.sample_scenarios(seeds)
 
 
 @pytest.fixture(scope="module")
@@ -103,8 +103,8 @@ def test_docstring_states_the_numbers_of_the_code(pusher: Pusher) -> None:
         (
             Pusher.state,
             Pusher.action,
-            Pusher.task,
-            Pusher.drawn_from,
+            Pusher.goal,
+            Pusher.scenario_variables,
             Pusher.conditions,
             HABITS,
         ),
@@ -300,10 +300,10 @@ def test_the_physics_step_is_fine_enough(
 
 
 def test_scenarios_meet_their_conditions_and_vary(scenarios: Scenarios) -> None:
-    s0, task = scenarios.s0.astype(np.float64), scenarios.task.astype(np.float64)
+    s0, goal = scenarios.s0.astype(np.float64), scenarios.goal.astype(np.float64)
     arm, ball = s0[:, :2], s0[:, 8:10]
-    travel = np.linalg.norm(task - ball, axis=1)
-    behind = ball - BEHIND * (task - ball) / travel[:, None]
+    travel = np.linalg.norm(goal - ball, axis=1)
+    behind = ball - BEHIND * (goal - ball) / travel[:, None]
     values = {
         "clearance": np.linalg.norm(arm - ball, axis=1),
         "travel": travel,
@@ -313,20 +313,20 @@ def test_scenarios_meet_their_conditions_and_vary(scenarios: Scenarios) -> None:
         assert (values[condition.name] >= condition.low - 1e-6).all()
         assert (values[condition.name] <= condition.high + 1e-6).all()
     assert (s0[:, [4, 7, 10, 11]] == 0).all()
-    for varied in (arm, ball, task):
+    for varied in (arm, ball, goal):
         assert (varied.std(axis=0) > 0.04).all()
 
 
 def test_plan_reaches_the_target_in_most_nominal_scenarios(
     pusher: Pusher, scenarios: Scenarios, nominal: Rollout
 ) -> None:
-    assert pusher.outcome(nominal.states[:, 1:], scenarios.task).mean() >= 0.8
+    assert pusher.outcome(nominal.states[:, 1:], scenarios.goal).mean() >= 0.8
     at_rest = np.repeat(scenarios.s0[:, None], 120, axis=1)
-    assert not pusher.outcome(at_rest, scenarios.task).any()
+    assert not pusher.outcome(at_rest, scenarios.goal).any()
 
 
 def test_plans_of_one_scenario_vary_with_the_seed(pusher: Pusher, scenarios: Scenarios) -> None:
-    same = Scenarios(*(np.repeat(a[:1], 8, axis=0) for a in (scenarios.s0, scenarios.task)))
+    same = Scenarios(*(np.repeat(a[:1], 8, axis=0) for a in (scenarios.s0, scenarios.goal)))
     plans = pusher.plan(same, spawn(9, 8))
     assert (plans.std(axis=0).mean(axis=0) > 0.001).all()
 
@@ -336,11 +336,11 @@ def test_noise_makes_the_outcome_uncertain(
 ) -> None:
     """Base rate 0.4–0.6, and most scenarios neither certain nor hopeless (loosely: 20 rollouts)."""
     rollouts = 20
-    s0, planned, task = (
-        np.repeat(a, rollouts, axis=0) for a in (scenarios.s0, actions, scenarios.task)
+    s0, planned, goal = (
+        np.repeat(a, rollouts, axis=0) for a in (scenarios.s0, actions, scenarios.goal)
     )
     states = pusher.rollout(s0, planned, spawn(10, COUNT * rollouts)).states
-    probability = pusher.outcome(states[:, 1:], task).reshape(COUNT, rollouts).mean(axis=1)
+    probability = pusher.outcome(states[:, 1:], goal).reshape(COUNT, rollouts).mean(axis=1)
     assert 0.35 < probability.mean() < 0.65
     assert ((probability > 0.1) & (probability < 0.9)).mean() >= 0.5
 
@@ -360,9 +360,9 @@ def test_outcome_is_the_ball_within_the_radius_at_any_step(
     assert not pusher.outcome(passing, beyond)
 
     fan = np.broadcast_to(scenarios.s0[:, None, None], (COUNT, 3, 4, 12))
-    assert pusher.outcome(fan, scenarios.task[:, None]).shape == (COUNT, 3)
-    there = replace(scenarios, task=scenarios.s0[:, 8:10])
-    assert pusher.outcome(fan, there.task[:, None]).all()
+    assert pusher.outcome(fan, scenarios.goal[:, None]).shape == (COUNT, 3)
+    there = replace(scenarios, goal=scenarios.s0[:, 8:10])
+    assert pusher.outcome(fan, there.goal[:, None]).all()
     height = pusher.model.geom("ball").size[0]
     np.testing.assert_allclose(pusher.position(fan)[..., 2], height, rtol=1e-6)
-    np.testing.assert_allclose(pusher.target(scenarios.task)[:, 2], height, rtol=1e-6)
+    np.testing.assert_allclose(pusher.target(scenarios.goal)[:, 2], height, rtol=1e-6)

@@ -34,7 +34,7 @@ def hover(flight: Flight, seconds: float, command: tuple[float, ...] = (0, 0, 0,
 def fly(simulator: Simulator, count: int, seed: int = 0) -> tuple[Floats, Floats, Seeds]:
     """Starts and plans of `count` scenarios, and seeds to fly them with."""
     seeds = spawn(seed, count)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     return scenarios.s0, simulator.plan(scenarios, seeds), seeds
 
 
@@ -45,13 +45,15 @@ def test_other_seeds_draw_other_payloads_and_gusts() -> None:
     simulator = simulators["uav"](horizon=5)
     s0, actions, _ = fly(simulator, 1)
     many = simulator.rollout(s0.repeat(400, 0), actions.repeat(400, 0), spawn(9, 400))
-    low, high = simulator.hidden[0].low, simulator.hidden[0].high
-    assert many.hidden.min() >= low
-    assert many.hidden.max() <= high
+    low, high = simulator.unobserved[0].low, simulator.unobserved[0].high
+    assert many.unobserved.min() >= low
+    assert many.unobserved.max() <= high
     # A uniform's mean and deviation, within four standard errors.
     width = high - low
-    assert many.hidden.mean() == pytest.approx(low + width / 2, abs=4 * width / np.sqrt(12 * 400))
-    assert many.hidden.std() == pytest.approx(width / np.sqrt(12), rel=0.1)
+    assert many.unobserved.mean() == pytest.approx(
+        low + width / 2, abs=4 * width / np.sqrt(12 * 400)
+    )
+    assert many.unobserved.std() == pytest.approx(width / np.sqrt(12), rel=0.1)
     assert (many.states[:, 1:, 12:15].std(axis=0) > 0).all()
 
 
@@ -59,7 +61,7 @@ def test_the_nominal_system_has_the_mean_payload_and_no_gust() -> None:
     simulator = simulators["uav"](horizon=6)
     s0, actions, _ = fly(simulator, 4)
     nominal = simulator.rollout(s0, actions)
-    assert (nominal.hidden == np.float32(physics.MEAN_PAYLOAD)).all()
+    assert (nominal.unobserved == np.float32(physics.MEAN_PAYLOAD)).all()
     assert (nominal.states[..., 12:15] == s0[:, None, 12:15]).all()
 
 
@@ -71,7 +73,7 @@ def test_the_docstring_says_what_the_code_does() -> None:
     ceiling = physics.THRUST_CONSTANT * physics.MAX_SPEED**2
     docstrings.check(
         cls,
-        (cls.state, cls.action, cls.hidden, cls.task, cls.drawn_from, uav_pilot.HABITS),
+        (cls.state, cls.action, cls.unobserved, cls.goal, cls.scenario_variables, uav_pilot.HABITS),
         [
             "PX4",
             f"{physics.MASS} kg without payload",
@@ -98,7 +100,7 @@ def test_the_docstring_says_what_the_code_does() -> None:
 
 def test_scenarios_lie_within_their_bounds() -> None:
     simulator = simulators["uav"]()
-    scenarios = simulator.draw(spawn(2, 300))
+    scenarios = simulator.sample_scenarios(spawn(2, 300))
     bounds = {v.name: v for v in uav.START}
     for column, variable in enumerate(simulator.state):
         drawn = scenarios.s0[:, column]
@@ -108,7 +110,7 @@ def test_scenarios_lie_within_their_bounds() -> None:
             v = bounds[variable.name]
             assert drawn.min() == pytest.approx(v.low, abs=0.05 * (v.high - v.low))
             assert drawn.max() == pytest.approx(v.high, abs=0.05 * (v.high - v.low))
-    away = scenarios.task - scenarios.s0[:, :3]
+    away = scenarios.goal - scenarios.s0[:, :3]
     pace = np.linalg.norm(away[:, :2], axis=1) / (simulator.horizon * simulator.control_step)
     assert pace.min() >= bounds["pace"].low
     assert pace.max() <= bounds["pace"].high + 1e-4
@@ -347,7 +349,7 @@ def test_an_empty_battery_lets_it_fall() -> None:
 def test_violent_commands_stay_finite_and_upright() -> None:
     simulator = simulators["uav"]()
     generator = np.random.default_rng(0)
-    s0 = simulator.draw(spawn(4, 64)).s0
+    s0 = simulator.sample_scenarios(spawn(4, 64)).s0
     bounds = np.array([(v.low, v.high) for v in simulator.action]).T
     actions = generator.uniform(bounds[0], bounds[1], (64, 60, 4)).astype(np.float32)
     states = simulator.rollout(s0, actions, spawn(4, 64)).states
@@ -357,24 +359,24 @@ def test_violent_commands_stay_finite_and_upright() -> None:
     assert np.abs(powered[..., 6:8]).max() < 1.2
 
 
-# The task
+# The goal
 
 
 def test_plans_reach_the_target_on_the_nominal_system() -> None:
     simulator = simulators["uav"]()
     seeds = spawn(6, 100)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     actions = simulator.plan(scenarios, seeds)
     nominal = simulator.rollout(scenarios.s0, actions)
-    assert simulator.outcome(nominal.states[:, 1:], scenarios.task).mean() >= 0.85
+    assert simulator.outcome(nominal.states[:, 1:], scenarios.goal).mean() >= 0.85
     noisy = simulator.rollout(scenarios.s0, actions, seeds)
-    assert 0.3 < simulator.outcome(noisy.states[:, 1:], scenarios.task).mean() < 0.75
+    assert 0.3 < simulator.outcome(noisy.states[:, 1:], scenarios.goal).mean() < 0.75
     assert (actions[:, :, :2] ** 2).sum(-1).max() <= uav_pilot.MAX_SPEED**2 + 1e-3
 
 
 def test_the_same_scenario_is_flown_in_many_manners() -> None:
     simulator = simulators["uav"]()
-    scenarios = simulator.draw(spawn(7, 1).repeat(20))
+    scenarios = simulator.sample_scenarios(spawn(7, 1).repeat(20))
     actions = simulator.plan(scenarios, spawn(8, 20))
     assert (actions.std(axis=0).mean(axis=0) > [0.3, 0.3, 0.1, 0.05]).all()
 

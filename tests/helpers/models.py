@@ -15,7 +15,7 @@ from study.config.settings import (
     ProbabilisticEnsemble,
     Vae,
 )
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
 from study.models import Model
 from study.models.checkpoints import build
@@ -48,6 +48,6 @@ def settings(
 
 def model(name: str, beta: float = 0.1, **vae: Any) -> Model:
     torch.manual_seed(0)
-    scaling = Scaling.of(trajectories())
-    ensemble: Any = build("ensemble", scaling, settings())
-    return build(name, scaling, settings(**vae), beta, ensemble)
+    normalization = Normalization.of(trajectories())
+    ensemble: Any = build("ensemble", normalization, settings())
+    return build(name, normalization, settings(**vae), beta, ensemble)

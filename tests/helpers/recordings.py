@@ -9,7 +9,7 @@ import pandas as pd
 from study.common.seeds import Seeds, spawn
 from study.envs.noise import Noise
 from study.envs.simulator import Doubles, Episode, Floats, Policy, Scenarios, Simulator, Variable
-from study.recording.forecasts import Pick
+from study.recording.forecasts import Example
 
 SCENE = """
 <mujoco>
@@ -36,7 +36,7 @@ SCENE = """
 
 
 class Puck(Simulator):
-    """State (x, y, ẋ, ẏ): a random walk that forces push; the task is to come close to a point."""
+    """State (x, y, ẋ, ẏ): a random walk that forces push; the goal is to come close to a point."""
 
     name: ClassVar[str] = "puck"
     title: ClassVar[str] = "Puck"
@@ -51,12 +51,12 @@ class Puck(Simulator):
         Variable("f_x", "N", "force, east"),
         Variable("f_y", "N", "force, north"),
     )
-    task: ClassVar[tuple[Variable, ...]] = action
+    goal: ClassVar[tuple[Variable, ...]] = action
     default_horizon: ClassVar[int] = 30
     control_step: ClassVar[float] = 0.1
     radius: ClassVar[float] = 0.25
 
-    def draw(self, seeds: Seeds) -> Scenarios:
+    def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         s0 = np.zeros((len(seeds), 4), dtype=np.float32)
         return Scenarios(s0, np.full((len(seeds), 2), 0.8, dtype=np.float32))
 
@@ -64,7 +64,7 @@ class Puck(Simulator):
         return Slide(self.control_step, s0, seeds)
 
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
-        return lambda t, states: scenarios.task * np.float32(0.15)
+        return lambda t, states: scenarios.goal * np.float32(0.15)
 
     def position(self, states: Floats) -> Floats:
         flat = np.zeros((*states.shape[:-1], 3), dtype=np.float32)
@@ -72,8 +72,8 @@ class Puck(Simulator):
         flat[..., 2] = 0.05
         return flat
 
-    def target(self, task: Floats) -> Floats:
-        return self.position(task)
+    def target(self, goal: Floats) -> Floats:
+        return self.position(goal)
 
     def scene(self) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(SCENE)
@@ -88,7 +88,7 @@ class Slide(Episode):
 
     def __init__(self, control_step: float, s0: Floats, seeds: Seeds | None) -> None:
         self.control_step, self.states = control_step, s0.astype(np.float64)
-        self.hidden = np.empty((len(s0), 0), np.float32)
+        self.unobserved = np.empty((len(s0), 0), np.float32)
         self.noise = None
         if seeds is not None:
             self.noise = Noise([np.random.default_rng(s) for s in seeds], (2,), 1)
@@ -102,10 +102,10 @@ class Slide(Episode):
         return self.states.astype(np.float32)
 
 
-def picks(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Pick]:
+def examples(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Example]:
     """Scenarios of a simulator with forecasts that are too narrow, and three members."""
     rules = ("median", "best", "worst", "most bimodal", "most certain", "least certain", "first")
-    scenarios = simulator.draw(spawn(1, count))
+    scenarios = simulator.sample_scenarios(spawn(1, count))
     actions = simulator.plan(scenarios, spawn(2, count))
     made = []
     for index in range(count):
@@ -115,12 +115,12 @@ def picks(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Pick]
         other = simulator.rollout(s0, plan, spawn(90 + index, samples)).states[:, 1:]
         forecast = observed.mean(axis=0) + 0.6 * (other - other.mean(axis=0))
         made.append(
-            Pick(
+            Example(
                 scenario=10 * index,
                 rule=f"{rules[index % 7]}: its MMD is the {rules[index % 7]} of all scenarios",
                 s0=scenarios.s0[index],
                 actions=actions[index],
-                task=scenarios.task[index],
+                goal=scenarios.goal[index],
                 observed=observed,
                 forecast=forecast.astype(np.float32),
                 member=np.arange(samples) % 3,

@@ -230,7 +230,7 @@ def test_lively_steps_are_drawn_more_often(monkeypatch: pytest.MonkeyPatch) -> N
     network = generator("full_crps")
     states = torch.zeros(500, HORIZON + 1, STATE)
     # At one step of the horizon everything changes by three usual deviations, else nothing does.
-    states[:, 3:] = 3.0 * network.change_scale
+    states[:, 3:] = 3.0 * network.delta_std
     transition, drawn = network.decode.transition, []
 
     def watched(*given: torch.Tensor) -> Any:

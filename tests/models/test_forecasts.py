@@ -9,7 +9,7 @@ import torch
 
 from study.common.errors import StudyError
 from study.common.seeds import spawn
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models import Model, models
 from study.models.checkpoints import build, load_model, save_model
 from study.models.networks.gaussian_decoder import GaussianDecoder
@@ -112,8 +112,8 @@ def test_saved_and_loaded_it_is_the_same(
 def test_a_member_is_kept_over_the_horizon() -> None:
     forecaster, (s0, actions, seeds) = varied("ensemble"), given()
     forecasts = forecaster.forecast(s0, actions, 50, seeds)
-    standard = forecaster.standard(torch.from_numpy(s0), torch.from_numpy(actions))
-    members = forecaster.physical(forecaster(*standard))
+    standard = forecaster.normalize(torch.from_numpy(s0), torch.from_numpy(actions))
+    members = forecaster.denormalize(forecaster(*standard))
     distance = np.abs(forecasts[:, :, None] - members.detach().numpy()[:, None]).max(axis=(3, 4))
     assert (distance.min(axis=2) < 1e-4).all()
     # Uniform over the three members: each is drawn by about a third of the samples.
@@ -127,7 +127,7 @@ def test_an_ensemble_forecasts_in_a_model_as_it_does_alone(name: str) -> None:
     for index, parameter in enumerate(ensemble.parameters()):
         torch.nn.init.normal_(parameter, generator=torch.Generator().manual_seed(index))
     alone = ensemble.forecast(*given()[:2], 4, given()[2])
-    inner = build(name, Scaling.of(trajectories()), settings(), 0.1, ensemble).ensemble
+    inner = build(name, Normalization.of(trajectories()), settings(), 0.1, ensemble).ensemble
     assert isinstance(inner, Ensemble)
     np.testing.assert_array_equal(inner.forecast(*given()[:2], 4, given()[2]), alone)
 

@@ -73,7 +73,7 @@ def given(network: ProbabilisticEnsemble) -> tuple[dict[str, Tensor], Tensor, Te
     states = torch.randn(MEMBERS, 5, HORIZON + 1, STATE)
     actions = torch.randn(MEMBERS, 5, HORIZON, ACTION)
     inputs = torch.cat([states[:, :, :-1], actions], dim=-1).flatten(1, 2)
-    change = (states[:, :, 1:] - states[:, :, :-1]) / network.change_scale
+    change = (states[:, :, 1:] - states[:, :, :-1]) / network.delta_std
     return {"states": states, "actions": actions}, inputs, change.flatten(1, 2)
 
 
@@ -129,4 +129,4 @@ def test_ts_infinity() -> None:
     member = torch.empty(rows, dtype=torch.int64)
     member[shuffled] = torch.arange(rows) // (rows // MEMBERS)
     states = network.sample(s0, action, torch.zeros(rows, 1, 1, STATE), member[:, None])
-    torch.testing.assert_close(states[:, 0, 0], s0 + mean * network.change_scale)
+    torch.testing.assert_close(states[:, 0, 0], s0 + mean * network.delta_std)

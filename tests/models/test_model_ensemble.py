@@ -10,11 +10,10 @@ from torch import Tensor
 from study.commands.parser import parse
 from study.common.seeds import spawn
 from study.config.grid import Cell
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
+from study.models.forecasting import forecast_members, members_of
 from study.models.full_crps import FullCrps
 from study.models.model_ensemble import EnsembleOf
-from study.stages.ensemble import forecast_members
-from study.stages.evaluate import members_of
 from study.workflow.pipeline import Pipeline
 from tests.helpers.models import ACTION, HORIZON, STATE, model, settings, trajectories
 
@@ -31,9 +30,9 @@ def ensemble_of(name: str, **settings: Any) -> EnsembleOf:
 def telling(propagation: str = "trajectory") -> EnsembleOf:
     """An ensemble of MLPs that shows which member was at work: m adds m in each step, exactly."""
     network = ensemble_of("probabilistic_ensemble", propagation=propagation)
-    network.change_scale.fill_(1.0)
+    network.delta_std.fill_(1.0)
     for index, member in enumerate(network.each()):
-        member.change_scale.fill_(1.0)
+        member.delta_std.fill_(1.0)
         last = member.network[-1]
         torch.nn.init.zeros_(last.weight)
         torch.nn.init.zeros_(last.bias)
@@ -224,13 +223,15 @@ def test_the_members_own_forecasts(name: str) -> None:
     network, data = ensemble_of(name), trajectories(4, seed=1)
     own = forecast_members(network, data.states[:, 0], data.actions)
     assert own.shape == (4, MEMBERS, HORIZON, STATE)
-    standard = network.standard(torch.from_numpy(data.states[:, 0]), torch.from_numpy(data.actions))
+    standard = network.normalize(
+        torch.from_numpy(data.states[:, 0]), torch.from_numpy(data.actions)
+    )
     noise = torch.zeros(4, 1, HORIZON, network.noise_size)
     first = torch.zeros(4, 1, dtype=torch.int64)
     each = [member.sample(*standard, noise, first) for member in network.each()]
     recurrent: Any = network.ensemble if network.uses_ensemble else None
     expected = torch.cat(each, dim=1) if recurrent is None else recurrent(*standard)
-    found = network.standard_states(torch.from_numpy(own))
+    found = network.normalize_states(torch.from_numpy(own))
     torch.testing.assert_close(found, expected.detach(), rtol=1e-3, atol=1e-4)
 
 
@@ -257,7 +258,7 @@ def test_members_are_fitted_as_one_of_their_class_would_be() -> None:
     sections = settings()
     budget = GeneratorEnsemble.budget(sections)
     assert budget == FullCrps.budget(sections) != sections["train"]
-    made = GeneratorEnsemble(Scaling.of(trajectories()), sections | {"train": budget})
+    made = GeneratorEnsemble(Normalization.of(trajectories()), sections | {"train": budget})
     optimizer = torch.optim.SGD(made.parameters(), 1.0)
     assert isinstance(made.schedule(optimizer, 1.0, 10), torch.optim.lr_scheduler.LambdaLR)
     assert made.forgets(made.each()[0].first_free())

@@ -26,7 +26,7 @@ def test_the_likelihood_against_torch_distributions(
     states, actions = torch.randn(4, HORIZON + 1, STATE), torch.randn(4, HORIZON, ACTION)
     network.training_step({"states": states, "actions": actions})
     mean, log_variance = network(states[:, :-1], actions)
-    change = (states[:, 1:] - states[:, :-1]) / network.change_scale
+    change = (states[:, 1:] - states[:, :-1]) / network.delta_std
     scale = torch.exp(0.5 * log_variance)
     each = -Normal(mean, scale).log_prob(change)
     weight = scale / scale.mean((0, 1)) if likelihood == "weighted" else 1.0
@@ -44,7 +44,7 @@ def test_the_next_state_is_sampled_and_fed_back() -> None:
     for step in range(HORIZON):
         mean, log_variance = network(before, actions[:, step])
         change = mean + torch.exp(0.5 * log_variance) * noise[:, 0, step]
-        torch.testing.assert_close(states[:, step], before + change * network.change_scale)
+        torch.testing.assert_close(states[:, step], before + change * network.delta_std)
         before = states[:, step]
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal, kl_divergence
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
 from study.models.networks.likelihood import (
     negative_log_likelihood,
@@ -23,10 +23,10 @@ FEEDINGS = ["free", "teacher", "schedule"]
 
 def batch(count: int = 8) -> dict[str, Tensor]:
     data = trajectories(count, seed=2)
-    scaling = Scaling.of(trajectories())
+    normalization = Normalization.of(trajectories())
     return {
-        "states": scaling.standard_states(data.states),
-        "actions": scaling.standard_actions(data.actions),
+        "states": normalization.normalize_states(data.states),
+        "actions": normalization.normalize_actions(data.actions),
     }
 
 

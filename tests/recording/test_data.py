@@ -21,10 +21,10 @@ from tests.recording.test_study import document
 
 def trajectories(count: int = 5) -> Trajectories:
     simulator, seeds = recordings.Puck(), spawn(0, count)
-    scenarios = simulator.draw(seeds)
+    scenarios = simulator.sample_scenarios(seeds)
     actions = simulator.plan(scenarios, seeds)
     rollout = simulator.rollout(scenarios.s0, actions, seeds)
-    return Trajectories(rollout.states, actions, scenarios.task, rollout.hidden, {})
+    return Trajectories(rollout.states, actions, scenarios.goal, rollout.unobserved, {})
 
 
 def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
@@ -40,16 +40,16 @@ def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
 
 
 class Weighted(recordings.Puck):
-    """A puck with a hidden load."""
+    """A puck with a unobserved load."""
 
-    hidden: ClassVar[tuple[Variable, ...]] = (Variable("load", "kg", "mass carried"),)
+    unobserved: ClassVar[tuple[Variable, ...]] = (Variable("load", "kg", "mass carried"),)
 
 
 def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
     load = np.array([[0.1], [0.5], [0.2], [np.inf], [0.4]], dtype=np.float32)
     path = tmp_path / "data.rrd"
-    record_data(path, Weighted(), replace(trajectories(), hidden=load), recordings.PROPERTIES)
-    read = scalars(path, "/hidden/load")["value"].to_numpy()
+    record_data(path, Weighted(), replace(trajectories(), unobserved=load), recordings.PROPERTIES)
+    read = scalars(path, "/unobserved/load")["value"].to_numpy()
     assert np.isnan(read[3])
     np.testing.assert_allclose(read[[0, 1, 2, 4]], load[[0, 1, 2, 4], 0])
 

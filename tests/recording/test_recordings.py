@@ -20,35 +20,35 @@ from tests.helpers import recordings
 def forecast(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("forecast") / "forecast.rrd"
     record_forecast(
-        path, recordings.Puck(), recordings.picks(recordings.Puck(), 2), recordings.PROPERTIES
+        path, recordings.Puck(), recordings.examples(recordings.Puck(), 2), recordings.PROPERTIES
     )
     return path
 
 
 def test_forecast_holds_the_quantiles(forecast: Path) -> None:
-    pick = recordings.picks(recordings.Puck(), 2)[0]
+    example = recordings.examples(recordings.Puck(), 2)[0]
     frame = reading.scalars(forecast, "/median/state/x")
     assert frame.index.name == "horizon"
     assert list(frame.index) == list(range(1, 31))
     for source in ("observed", "forecast"):
         for level in bands.LEVELS:
-            expected = np.quantile(getattr(pick, source)[..., 0].astype(float), level, axis=0)
+            expected = np.quantile(getattr(example, source)[..., 0].astype(float), level, axis=0)
             np.testing.assert_allclose(frame[f"{source} {level:.0%}"], expected, rtol=1e-12)
 
 
 def test_probability_of_success_ends_at_the_outcome(forecast: Path) -> None:
     simulator = recordings.Puck()
-    for root, pick in zip(("median", "best"), recordings.picks(simulator, 2), strict=True):
+    for root, example in zip(("median", "best"), recordings.examples(simulator, 2), strict=True):
         for source in ("observed", "forecast"):
             share = reading.scalars(forecast, f"/{root}/success/{source}")["value"]
             assert (share.diff().dropna() >= 0).all()
-            outcome = simulator.outcome(getattr(pick, source), pick.task)
+            outcome = simulator.outcome(getattr(example, source), example.goal)
             assert share.iloc[-1] == pytest.approx(outcome.mean())
 
 
 def test_what_is_not_finite_is_never_close_and_has_no_quantile() -> None:
     simulator = recordings.Puck()
-    states = recordings.picks(simulator, 1)[0].observed.copy()
+    states = recordings.examples(simulator, 1)[0].observed.copy()
     states[:, 10:] = np.nan
     states[0, 5] = np.inf
     assert np.isnan(bands.quantiles(states)[:, 10:]).all()
@@ -58,36 +58,38 @@ def test_what_is_not_finite_is_never_close_and_has_no_quantile() -> None:
 
 
 def test_a_diverged_forecast_is_recorded(tmp_path: Path) -> None:
-    pick = recordings.picks(recordings.Puck(), 1)[0]
-    pick.forecast[:, 5:] = 1e30
-    pick.forecast[3:, 20:] = np.nan
-    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [pick], {})
+    example = recordings.examples(recordings.Puck(), 1)[0]
+    example.forecast[:, 5:] = 1e30
+    example.forecast[3:, 20:] = np.nan
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [example], {})
     assert reading.scalars(tmp_path / "f.rrd", "/median/state/x").shape == (30, 10)
 
 
 def test_the_spread_is_in_standard_deviations(forecast: Path) -> None:
-    pick = recordings.picks(recordings.Puck(), 2)[0]
+    example = recordings.examples(recordings.Puck(), 2)[0]
     frame = reading.scalars(forecast, "/median/spread")
-    seen = recordings.Puck().position(pick.observed).astype(float).var(axis=0, ddof=1).sum(axis=-1)
+    seen = (
+        recordings.Puck().position(example.observed).astype(float).var(axis=0, ddof=1).sum(axis=-1)
+    )
     np.testing.assert_allclose(frame["observed"] ** 2, seen, rtol=1e-6)
-    assert pick.aleatoric is not None
-    assert pick.epistemic is not None
-    np.testing.assert_allclose(frame["forecast: aleatoric"] ** 2, pick.aleatoric, atol=1e-12)
+    assert example.aleatoric is not None
+    assert example.epistemic is not None
+    np.testing.assert_allclose(frame["forecast: aleatoric"] ** 2, example.aleatoric, atol=1e-12)
     # An estimate below zero is drawn as none.
-    assert pick.epistemic.min() < 0
-    known = np.maximum(pick.epistemic, 0)
+    assert example.epistemic.min() < 0
+    known = np.maximum(example.epistemic, 0)
     np.testing.assert_allclose(frame["forecast: epistemic"] ** 2, known, atol=1e-12)
 
 
 def test_without_an_ensemble_nothing_is_split(tmp_path: Path) -> None:
-    pick = replace(
-        recordings.picks(recordings.Puck(), 1)[0],
+    example = replace(
+        recordings.examples(recordings.Puck(), 1)[0],
         member=None,
         members=None,
         aleatoric=None,
         epistemic=None,
     )
-    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [pick], {})
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(), [example], {})
     found = reading.entities(tmp_path / "f.rrd")
     assert "/median/paths/forecast" in found
     assert not {"/median/spread", "/median/paths/members"} & set(found)
@@ -110,7 +112,7 @@ def _position(eye: rrb.EyeControls3D) -> np.ndarray:
 
 def test_a_forecast_recording_is_small(tmp_path: Path) -> None:
     simulator = recordings.Puck(horizon=120)
-    picks = recordings.picks(simulator, 8, 100)
+    examples = recordings.examples(simulator, 8, 100)
     # Three times the state, as long and as many scenarios as the largest real recording has.
     simulator.state = tuple(  # type: ignore[misc]
         type(v)(f"{v.name}{turn}", v.unit, v.meaning)
@@ -118,17 +120,17 @@ def test_a_forecast_recording_is_small(tmp_path: Path) -> None:
         for v in recordings.Puck.state
     )
     wide = []
-    for pick in picks:
-        pick = type(pick)(
+    for example in examples:
+        example = type(example)(
             **{
-                **vars(pick),
+                **vars(example),
                 **{
-                    name: np.concatenate([getattr(pick, name)] * 3, axis=-1)
+                    name: np.concatenate([getattr(example, name)] * 3, axis=-1)
                     for name in ("s0", "observed", "forecast", "members")
                 },
             }
         )
-        wide.append(pick)
+        wide.append(example)
     record_forecast(tmp_path / "f.rrd", simulator, wide, recordings.PROPERTIES)
     assert (tmp_path / "f.rrd").stat().st_size < 3_000_000
 
@@ -155,11 +157,11 @@ def test_scores_are_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_bands_of_a_long_horizon_are_thinned_to_its_end(tmp_path: Path) -> None:
-    pick = recordings.picks(recordings.Puck(horizon=120), 1)[0]
-    record_forecast(tmp_path / "f.rrd", recordings.Puck(horizon=120), [pick], {})
+    example = recordings.examples(recordings.Puck(horizon=120), 1)[0]
+    record_forecast(tmp_path / "f.rrd", recordings.Puck(horizon=120), [example], {})
     frame = reading.scalars(tmp_path / "f.rrd", "/median/state/x")
     assert list(frame.index) == list(range(3, 121, 3))
-    expected = np.median(pick.observed[..., 0].astype(float), axis=0)
+    expected = np.median(example.observed[..., 0].astype(float), axis=0)
     np.testing.assert_allclose(frame["observed 50%"], expected[2::3], rtol=1e-12)
 
 

@@ -60,7 +60,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
     "tuning": lambda path: record_tuning(path, recordings.trials(), recordings.PROPERTIES),
     "scores": lambda path: record_scores(path, recordings.scores(), recordings.PROPERTIES),
     "forecast": lambda path: record_forecast(
-        path, recordings.Puck(), recordings.picks(recordings.Puck(), 1), recordings.PROPERTIES
+        path, recordings.Puck(), recordings.examples(recordings.Puck(), 1), recordings.PROPERTIES
     ),
     "study": lambda path: record_study(
         path, recordings.study_scores(), recordings.TEXTS, {"study": "toy"}

@@ -13,9 +13,11 @@ from study.config.grid import Cell
 from study.config.settings import Config, Ensemble
 from study.data.trajectories import Trajectories
 from study.examples.cart import Cart
+from study.models.forecasting import forecast_members
 from study.stages import collect
 from study.stages import ensemble as stage
 from study.training.data_module import ShuffledBatches
+from study.training.inputs import load_ensemble, load_members
 from study.workflow.pipeline import Pipeline
 
 MEMBERS = 3
@@ -45,10 +47,8 @@ def test_residuals_are_to_the_member_that_left_the_trajectory_out(
     given = {"first": 2, "trajectories": 14, "seed": 0, "ensemble": options}
     stage.run(given, {"data": data}, out, Progress())
     training = Trajectories.load(data / "train.safetensors")[2:16]
-    members = stage.forecast_members(
-        stage.load_ensemble(out), training.states[:, 0], training.actions
-    )
-    found = stage.load_members(out)
+    members = forecast_members(load_ensemble(out), training.states[:, 0], training.actions)
+    found = load_members(out)
     assert found.shape == members.shape == (14, MEMBERS, 10, len(Cart.state))
     for index in range(14):
         for member in range(MEMBERS):

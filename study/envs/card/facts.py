@@ -55,7 +55,7 @@ class Facts:
 def facts(simulator: Simulator, observed: ScenarioSet) -> Facts:
     """Measure them on a test set."""
     count, rollouts = observed.observed.shape[:2]
-    success = simulator.outcome(observed.observed, observed.task[:, None])
+    success = simulator.outcome(observed.observed, observed.goal[:, None])
     probability = success.mean(axis=1)
     base_rate = float(probability.mean())
     nominal = simulator.rollout(observed.s0, observed.actions).states[:, 1:]
@@ -66,7 +66,7 @@ def facts(simulator: Simulator, observed: ScenarioSet) -> Facts:
     return Facts(
         scenarios=count,
         rollouts=rollouts,
-        nominal=float(simulator.outcome(nominal, observed.task).mean()),
+        nominal=float(simulator.outcome(nominal, observed.goal).mean()),
         base_rate=base_rate,
         uncertain=uncertain(success),
         oracle=float((probability * (1 - probability)).mean() * rollouts / (rollouts - 1)),

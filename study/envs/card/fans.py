@@ -79,7 +79,7 @@ def fans(
     Raises:
         BadInput: the environment has no variable of this name.
     """
-    success = simulator.outcome(scenarios.observed, scenarios.task[:, None])
+    success = simulator.outcome(scenarios.observed, scenarios.goal[:, None])
     chosen = typical(success) if chosen is None else chosen
     if variables is None:
         variables = most_uncertain(simulator, scenarios.observed)
@@ -90,7 +90,7 @@ def fans(
         axes = figure.subplots(len(chosen), len(ratios), squeeze=False, width_ratios=ratios)
         for row, index in zip(axes, chosen, strict=True):
             states, succeeded = _whole(scenarios, index), success[index]
-            _plan_view(row[0], simulator, states, scenarios.task[index], succeeded)
+            _plan_view(row[0], simulator, states, scenarios.goal[index], succeeded)
             title = f"scenario {index}: {succeeded.sum()} of {len(succeeded)} succeed"
             row[0].set_title(title, loc="left", fontsize=7)
             for axis, column in zip(row[1:], columns, strict=True):
@@ -123,10 +123,10 @@ def _whole(scenarios: ScenarioSet, index: int) -> Floats:
 
 
 def _plan_view(
-    axis: Axes, simulator: Simulator, states: Floats, task: Floats, success: Booleans
+    axis: Axes, simulator: Simulator, states: Floats, goal: Floats, success: Booleans
 ) -> None:
     paths = simulator.position(states)[..., :2].astype(np.float64)
-    target = simulator.target(task).astype(np.float64)
+    target = simulator.target(goal).astype(np.float64)
     axis.add_patch(
         Circle(tuple(target[:2]), simulator.radius, facecolor=_TARGET, alpha=0.35, zorder=1)
     )

@@ -32,7 +32,7 @@ class Frames:
 
     Attributes:
         times: [F] seconds.
-        reached: [F] whether the task has succeeded by then.
+        reached: [F] whether the goal has succeeded by then.
         far: [F, H, W, 3], all that happens.
         near: [F, H, W, 3], what moves alone; None where `far` shows it in its own size.
         enlarged: how many times its size what moves has in `far`.
@@ -46,11 +46,11 @@ class Frames:
 
 
 def frames(
-    simulator: Simulator, states: Floats, task: Floats, count: int = 6, pixels: int = _PIXELS
+    simulator: Simulator, states: Floats, goal: Floats, count: int = 6, pixels: int = _PIXELS
 ) -> Frames:
     """Draw `count` evenly spaced states of one rollout [T+1, D], the first and last among them.
 
-    With them: the target of `task` [G], the sphere of success around it, and the way so far. What
+    With them: the target of `goal` [G], the sphere of success around it, and the way so far. What
     is too small to be seen beside the way it goes is enlarged, and drawn again from close by.
 
     Raises:
@@ -58,18 +58,18 @@ def frames(
     """
     steps = np.unique(np.linspace(0, len(states) - 1, count).round().astype(int))
     path = simulator.position(states).astype(np.float64)
-    target = simulator.target(task).astype(np.float64)
+    target = simulator.target(goal).astype(np.float64)
     # A copy, for how far one can see is a property of the model.
     model = copy.copy(simulator.scene())
     poses = [drawing.pose(model, q) for q in simulator.configuration(states[steps])]
     bodies, size = _bodies(model, poses)
 
-    goal = box(target, simulator.radius)
-    view = overview(model, np.concatenate([bodies, path, goal]), path)
+    sphere = box(target, simulator.radius)
+    view = overview(model, np.concatenate([bodies, path, sphere]), path)
     enlarged = _enlargement(size / view.width)
     if enlarged > 1:
         around = np.concatenate([box(place, enlarged * size / 2) for place in path[steps]])
-        view = overview(model, np.concatenate([around, path, goal]), path)
+        view = overview(model, np.concatenate([around, path, sphere]), path)
     model.vis.map.zfar = max(model.vis.map.zfar, 20 * view.width / model.stat.extent)
     ground = drawing.ground_height(model)
     far, near = [], []
@@ -89,7 +89,7 @@ def frames(
                 near.append(picture(pose, way, close_by(model, way[-1], size, view), 1))
     return Frames(
         times=steps * simulator.control_step,
-        reached=np.array([simulator.outcome(states[1 : step + 1], task) for step in steps]),
+        reached=np.array([simulator.outcome(states[1 : step + 1], goal) for step in steps]),
         far=np.stack(far),
         near=np.stack(near) if near else None,
         enlarged=enlarged,
@@ -97,7 +97,7 @@ def frames(
 
 
 def filmstrip(
-    simulator: Simulator, states: Floats, task: Floats, path: Path, count: int = 6
+    simulator: Simulator, states: Floats, goal: Floats, path: Path, count: int = 6
 ) -> Path:
     """Write the filmstrip of one rollout [T+1, D] to `path`, a PNG; see `frames`.
 
@@ -106,7 +106,7 @@ def filmstrip(
     Raises:
         StudyError: there is no OpenGL to draw with.
     """
-    shown = frames(simulator, states, task, count)
+    shown = frames(simulator, states, goal, count)
     rows = [("", shown.far)]
     if shown.near is not None:
         rows = [(f"drawn {shown.enlarged} × larger", shown.far), ("close by", shown.near)]

@@ -16,7 +16,7 @@ from study.envs.card import facts
 from study.envs.card.fans import fans, typical
 from study.envs.card.filmstrip import filmstrip
 from study.envs.card.histogram import histogram
-from study.stages.collect import observe_scenarios
+from study.envs.observe import observe_scenarios
 
 INTRODUCTION = """\
 # The environments
@@ -33,12 +33,12 @@ observation, info = env.reset(seed=0)
 
 simulator = study.envs.simulators["{name}"](threads=2)            # many at once, the same numbers
 seeds = study.common.seeds.spawn(0, 1000)
-scenarios = simulator.draw(seeds)
+scenarios = simulator.sample_scenarios(seeds)
 actions = simulator.plan(scenarios, seeds)
 rollout = simulator.rollout(scenarios.s0, actions, seeds)          # states [N, T+1, D]
 ```
 
-A scenario is a start and a task. A plan is what a policy does in it on the noise-free system; it is
+A scenario is a start and a goal. A plan is what a policy does in it on the noise-free system; it is
 then executed open loop in the noisy one, again and again: those are the rollouts. A scenario and a
 rollout depend on their own seed alone, not on the batch around them, its order, or the number of
 threads. The tests in `tests/envs/` hold the physics to conservation laws, formulas and independent
@@ -102,15 +102,15 @@ def write(collect: Collect, names: Sequence[str], folder: Path, progress: Progre
 
 
 def _pictures(simulator: Simulator, observed: ScenarioSet, folder: Path) -> list[Path]:
-    success = simulator.outcome(observed.observed, observed.task[:, None])
+    success = simulator.outcome(observed.observed, observed.goal[:, None])
     shown = typical(success)
     scenario = shown[len(shown) // 2]
     rollout = int(success[scenario].argmax())  # one that succeeds, if any does
     states = np.concatenate([observed.s0[scenario][None], observed.observed[scenario, rollout]])
     film, fan, bars = (folder / picture for picture in _names(simulator))
     return [
-        filmstrip(simulator, states, observed.task[scenario], film),
-        fans(simulator, observed, fan, shown, simulator.telling or None),
+        filmstrip(simulator, states, observed.goal[scenario], film),
+        fans(simulator, observed, fan, shown, simulator.plotted or None),
         histogram(success, bars),
     ]
 

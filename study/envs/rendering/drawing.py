@@ -47,7 +47,7 @@ def enlarge(scene: mujoco.MjvScene, centre: Doubles, factor: float) -> None:
 
 
 def add_target(scene: mujoco.MjvScene, target: Doubles, radius: float, width: float) -> None:
-    """The sphere around `target` [3] in which the task succeeds, translucent, and its equator."""
+    """The sphere around `target` [3] in which the goal succeeds, translucent, and its equator."""
     _add(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), target, (*TARGET, 0.3))
     angle = np.linspace(0.0, 2 * np.pi, _CIRCLE + 1)
     circle = target + radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)

@@ -1,6 +1,6 @@
 """Scores of forecast outcomes as rows of the tidy table (see `study.metrics.tables.table`).
 
-The column `dimension` holds the name of an outcome; "all" is the headline, the task itself.
+The column `dimension` holds the name of an outcome; "all" is the headline, the goal itself.
 
 ==========================  =======================================================================
 metric                      rows, of every outcome unless it says headline

@@ -53,9 +53,9 @@ class Outcomes:
     """What happens in forecasts and in observed rollouts.
 
     Attributes:
-        forecast: by name, the task itself first: [S, K] bool.
+        forecast: by name, the goal itself first: [S, K] bool.
         observed: the same names: [S, L] bool.
-        forecast_by_step: [S, K, T] bool, whether the task has succeeded by each step.
+        forecast_by_step: [S, K, T] bool, whether the goal has succeeded by each step.
         observed_by_step: [S, L, T] bool.
     """
 

@@ -5,7 +5,7 @@ from torch import Tensor, nn
 from torch.nn.functional import linear as linear_map
 from torch.nn.functional import pad, silu
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.rnn_ensemble import StackedLinear
 
 # On the first layer's initial weights. What matters may be narrow beside the range of the states:
@@ -43,14 +43,14 @@ class TransitionDecoder(nn.Module):
       and what is fed back cannot run away.
 
     Args:
-        scaling: standard units.
+        normalization: standard units.
         condition_size: C, what is known at every step beside the state.
         hidden_size: H.
         noise_size: Z, of which the first `lasting` are ζ.
         lasting: size of ζ, which does nothing to begin with.
     """
 
-    change_scale: Tensor
+    delta_std: Tensor
     lowest: Tensor
     highest: Tensor
     angles: Tensor
@@ -59,21 +59,21 @@ class TransitionDecoder(nn.Module):
 
     def __init__(
         self,
-        scaling: Scaling,
+        normalization: Normalization,
         condition_size: int,
         hidden_size: int,
         noise_size: int,
         lasting: int = 0,
     ) -> None:
         super().__init__()
-        self.size, self.lasting = len(scaling.change_scale), lasting
-        angles = torch.tensor(scaling.turned)[:, 2].unique()
+        self.size, self.lasting = len(normalization.delta_std), lasting
+        angles = torch.tensor(normalization.rotating_pairs)[:, 2].unique()
         self.register_buffer("angles", angles)
-        self.register_buffer("angle_mean", torch.tensor(scaling.state_mean)[angles])
-        self.register_buffer("angle_scale", torch.tensor(scaling.state_scale)[angles])
-        self.register_buffer("change_scale", torch.tensor(scaling.change_scale))
-        self.register_buffer("lowest", torch.full_like(self.change_scale, -torch.inf))
-        self.register_buffer("highest", torch.full_like(self.change_scale, torch.inf))
+        self.register_buffer("angle_mean", torch.tensor(normalization.state_mean)[angles])
+        self.register_buffer("angle_scale", torch.tensor(normalization.state_scale)[angles])
+        self.register_buffer("delta_std", torch.tensor(normalization.delta_std))
+        self.register_buffer("lowest", torch.full_like(self.delta_std, -torch.inf))
+        self.register_buffer("highest", torch.full_like(self.delta_std, torch.inf))
         self.seen_size = self.size + 4 * len(angles)
         entering = self.seen_size + self.size + condition_size + lasting + self.size
         drawn = noise_size - lasting
@@ -132,7 +132,7 @@ class TransitionDecoder(nn.Module):
         Returns:
             mean [B, D] and G [B, Z − lasting, D]: c_t = mean + z_t G, with covariance Gᵀ G.
         """
-        entering = torch.cat([self._seen(state), drift / self.change_scale, condition], -1)
+        entering = torch.cat([self._seen(state), drift / self.delta_std, condition], -1)
         known = entering.shape[-1]
         from_state, from_start = self.linear.weight[:, :known], self.linear.weight[:, -self.size :]
         linear = linear_map(entering, from_state, self.linear.bias) + start @ from_start.T
@@ -145,7 +145,7 @@ class TransitionDecoder(nn.Module):
 
     def _forecast(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
         # In units of the state, and with the state itself: what l gives is ŝ_t + scale · l + drift.
-        scale, kept = self.change_scale, torch.eye(self.seen_size, self.size, device=s0.device)
+        scale, kept = self.delta_std, torch.eye(self.seen_size, self.size, device=s0.device)
         weight = torch.cat([self.linear.weight * scale[:, None], self.first.weight]).T
         feed, drive = weight.tensor_split([self.seen_size])
         feed = feed + pad(kept, (0, feed.shape[1] - self.size))

@@ -46,7 +46,7 @@ def gl() -> None:
 
 def _observed(simulator: Simulator, scenarios: int, rollouts: int) -> ScenarioSet:
     seeds = spawn(5, scenarios)
-    drawn = simulator.draw(seeds)
+    drawn = simulator.sample_scenarios(seeds)
     actions = simulator.plan(drawn, seeds)
     rolled = simulator.rollout(
         np.repeat(drawn.s0, rollouts, axis=0),
@@ -54,9 +54,9 @@ def _observed(simulator: Simulator, scenarios: int, rollouts: int) -> ScenarioSe
         spawn(6, scenarios * rollouts),
     )
     shape = (scenarios, rollouts, simulator.horizon, -1)
-    hidden = rolled.hidden.reshape(scenarios, rollouts, -1)
+    unobserved = rolled.unobserved.reshape(scenarios, rollouts, -1)
     return ScenarioSet(
-        drawn.s0, actions, drawn.task, rolled.states[:, 1:].reshape(shape), hidden, {}
+        drawn.s0, actions, drawn.goal, rolled.states[:, 1:].reshape(shape), unobserved, {}
     )
 
 
@@ -83,8 +83,8 @@ def test_every_frame_shows_the_system_and_its_target(
 ) -> None:
     simulator = simulators[name](horizon=12)
     seen = _observed(simulator, 1, 1)
-    states, task = _states(seen), seen.task[0]
-    shown = frames(simulator, states, task, count=4, pixels=SIDE)
+    states, goal = _states(seen), seen.goal[0]
+    shown = frames(simulator, states, goal, count=4, pixels=SIDE)
     assert shown.far.shape == (4, SIDE, SIDE, 3)
     np.testing.assert_allclose(shown.times, np.array([0, 4, 8, 12]) * simulator.control_step)
     assert min(_contrast(picture) for picture in shown.far) > LEAST_CONTRAST
@@ -93,7 +93,7 @@ def test_every_frame_shows_the_system_and_its_target(
         assert min(_contrast(picture) for picture in shown.near) > LEAST_CONTRAST
 
     monkeypatch.setattr(drawing, "add_target", lambda *_: None)
-    without = frames(simulator, states, task, count=4, pixels=SIDE)
+    without = frames(simulator, states, goal, count=4, pixels=SIDE)
     assert _target(shown.far).mean() > _target(without.far).mean() + LEAST_TARGET
 
 
@@ -119,12 +119,12 @@ def test_frames_are_marked_from_success_on() -> None:
 @pytest.mark.usefixtures("gl")
 def test_what_is_small_beside_its_way_is_enlarged() -> None:
     cart = Cart()
-    task = np.array([0.0], np.float32)
+    goal = np.array([0.0], np.float32)
     states = np.zeros((21, 2), np.float32)
     states[:, 0] = np.linspace(0, 0.5, 21)
-    assert frames(cart, states, task, count=2, pixels=16).enlarged == 1
+    assert frames(cart, states, goal, count=2, pixels=16).enlarged == 1
     states[:, 0] = np.linspace(0, 50, 21)
-    assert frames(cart, states, task, count=2, pixels=16).enlarged >= 20
+    assert frames(cart, states, goal, count=2, pixels=16).enlarged >= 20
 
 
 @pytest.mark.usefixtures("gl")
@@ -139,8 +139,8 @@ def test_the_target_is_drawn_where_it_is_by_the_camera_of_the_model(
     monkeypatch.setattr(Cart, "scene", lambda self: model)
     # The camera sees 3 tan 22.5° = 1.24 m to either side.
     for x in (-0.8, 0.0, 0.8):
-        states, task = np.zeros((3, 2), np.float32), np.array([x], np.float32)
-        shown = frames(Cart(horizon=2), states, task, count=2, pixels=SIDE)
+        states, goal = np.zeros((3, 2), np.float32), np.array([x], np.float32)
+        shown = frames(Cart(horizon=2), states, goal, count=2, pixels=SIDE)
         rows, columns = np.nonzero(_target(shown.far[0]))
         wanted = SIDE / 2 * (1 + x / (3 * np.tan(np.pi / 8)))
         assert columns.mean() == pytest.approx(wanted, abs=3)
@@ -152,7 +152,7 @@ def test_a_filmstrip_has_the_same_bytes_twice(tmp_path: Path) -> None:
     simulator = simulators["pusher"](horizon=8)
     seen = _observed(simulator, 1, 1)
     paths = [
-        filmstrip(simulator, _states(seen), seen.task[0], tmp_path / name, count=3)
+        filmstrip(simulator, _states(seen), seen.goal[0], tmp_path / name, count=3)
         for name in ("a.png", "b/c.png")
     ]
     assert paths[0].read_bytes() == paths[1].read_bytes()

@@ -13,8 +13,8 @@ from study.data.trajectories import ScenarioSet, joined
 from study.envs import simulator as simulator_module
 from study.envs import simulators
 from study.envs.card.facts import facts, rows
+from study.envs.observe import observe_scenarios
 from study.examples.cart import Cart
-from study.stages.collect import observe_scenarios
 from tests.helpers.running import study
 
 PAGE = Path(simulator_module.__file__).with_name("README.md")
@@ -27,7 +27,7 @@ def cart(scenarios: int = 20, rollouts: int = 30) -> ScenarioSet:
 def test_facts_are_what_they_say() -> None:
     observed = cart()
     measured = facts(Cart(), observed)
-    success = Cart().outcome(observed.observed, observed.task[:, None])
+    success = Cart().outcome(observed.observed, observed.goal[:, None])
     p = success.mean(axis=1)
     assert measured.base_rate == pytest.approx(success.mean())
     assert measured.uncertain == pytest.approx(((p > 0.1) & (p < 0.9)).mean())
@@ -37,7 +37,7 @@ def test_facts_are_what_they_say() -> None:
     cross = ((others - success) ** 2).mean() * (k - 1) / k
     assert measured.oracle == pytest.approx(cross, rel=1e-9)
     nominal = Cart().rollout(observed.s0, observed.actions).states
-    assert measured.nominal == Cart().outcome(nominal[:, 1:], observed.task).mean()
+    assert measured.nominal == Cart().outcome(nominal[:, 1:], observed.goal).mean()
     assert (measured.scenarios, measured.rollouts, measured.events) == (20, 30, ())
 
 

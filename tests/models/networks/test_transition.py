@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from study.data.normalization import Scaling
+from study.data.normalization import Normalization
 from study.models.networks.transition import CREDIT, MARGIN, TransitionDecoder
 from tests.helpers.models import trajectories
 
@@ -18,8 +18,8 @@ def decoder(turned: bool = False) -> TransitionDecoder:
     torch.manual_seed(0)
     pairs = np.array([[0, 1, 2]] if turned else []).reshape(-1, 3).astype(np.int64)
     scale = np.array([0.1, 0.2, 0.3], np.float32)
-    scaling = replace(Scaling.of(trajectories()), turned=pairs, change_scale=scale)
-    made = TransitionDecoder(scaling, CONDITION, 16, NOISE, LASTING)
+    normalization = replace(Normalization.of(trajectories()), rotating_pairs=pairs, delta_std=scale)
+    made = TransitionDecoder(normalization, CONDITION, 16, NOISE, LASTING)
     torch.nn.init.normal_(made.linear.weight, std=0.1)
     torch.nn.init.normal_(made.first.weight, std=0.3)
     return made
@@ -45,7 +45,7 @@ def test_a_step_has_the_distribution_that_its_score_is_of() -> None:
         mean, factor = decode.transition(s0, drift, condition[:, 0], s0)
         assert factor.shape == (ROWS, NOISE - LASTING, SIZE)
         change = mean + torch.einsum("bz,bzd->bd", noise[:, 0, LASTING:], factor)
-        torch.testing.assert_close(forecast, s0 + decode.change_scale * change + drift)
+        torch.testing.assert_close(forecast, s0 + decode.delta_std * change + drift)
 
 
 def test_the_baseline_moves_the_state() -> None:
@@ -108,9 +108,12 @@ def test_forecasts_keep_to_the_range_of_the_training_states() -> None:
 
 
 def test_the_lasting_noise_begins_without_effect() -> None:
-    scaling = Scaling.of(trajectories())
+    normalization = Normalization.of(trajectories())
     torch.manual_seed(0)
-    decode, (s0, baseline, condition, noise) = TransitionDecoder(scaling, 2, 16, NOISE, 2), given()
+    decode, (s0, baseline, condition, noise) = (
+        TransitionDecoder(normalization, 2, 16, NOISE, 2),
+        given(),
+    )
     expected = decode(s0, baseline, condition, noise)
     noise[..., :LASTING] += 1.0
     assert torch.equal(decode(s0, baseline, condition, noise), expected)

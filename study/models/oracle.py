@@ -1,0 +1,23 @@
+"""The oracle: the simulator itself as a forecaster, which no model can beat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from study.common.progress import Progress
+from study.common.seeds import Seeds
+from study.data.trajectories import Floats
+from study.envs import Simulator
+from study.envs.observe import repeat_rollouts
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """The simulator itself as a forecaster: it re-runs s_0 and the actions with other noise."""
+
+    simulator: Simulator
+
+    def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
+        """See `Forecaster.forecast`."""
+        parts = repeat_rollouts(self.simulator, s0, actions, samples, seeds, Progress())
+        return np.concatenate([states for states, _ in parts])
