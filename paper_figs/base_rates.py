@@ -12,9 +12,9 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, read_scores
+from study.common.arrays import Doubles
 from study.config.names import label
 from study.plotting import style
 
@@ -60,7 +60,7 @@ def _draw(true: pd.DataFrame, stem: Path) -> list[Path]:
         return style.save(drawing, stem)
 
 
-def _panel(axes: Axes, probability: NDArray[np.float64]) -> None:
+def _panel(axes: Axes, probability: Doubles) -> None:
     # Rounding must not move a probability on an edge, such as 0.3, to the bin below it.
     bins = np.minimum(np.floor(probability * BINS + 1e-9).astype(int), BINS - 1)
     counts = np.bincount(bins, minlength=BINS)

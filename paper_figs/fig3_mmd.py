@@ -18,15 +18,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, levels, models, read_scores
+from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
 from study.metrics.intervals import percentiles, resampled_means
 from study.metrics.tables.table import select
 from study.plotting import style
-
-Doubles = NDArray[np.float64]
 
 RESAMPLES = 1000
 

@@ -15,16 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, forecasters, levels, read_scores
 from paper_figs.text import beyond, latex, number, title
+from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
 from study.metrics.brier import skill
 from study.metrics.intervals import Interval, interval
 from study.metrics.tables.table import LEVELLESS
-
-Doubles = NDArray[np.float64]
 
 HEADLINE = "all"
 TERMS = ("brier_reliability", "brier_resolution")

@@ -21,15 +21,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from paper_figs.results import command, environments, levels, models, read_scores
+from study.common.arrays import Doubles
 from study.config.names import ENSEMBLE, ORACLE, label
 from study.metrics.reliability import BINS, group_of, reliability_curve
 from study.metrics.tables.table import select
 from study.plotting import style
-
-Doubles = NDArray[np.float64]
 
 RESAMPLES = 1000
 REFERENCES = (ENSEMBLE, ORACLE)

@@ -20,13 +20,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.claims.paper import CLAIMS, MARGIN, Claim, Contrast, Quantity, Rule
+from study.common.arrays import Doubles
 from study.metrics.intervals import percentiles, resampled_means
 from study.metrics.tables.table import LEVELLESS, select
-
-Doubles = NDArray[np.float64]
 
 FARTHEST = np.log(1000.0)
 """An aleatoric variance that is wrong by more than this factor (0 and infinity too) counts as this

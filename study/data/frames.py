@@ -13,13 +13,12 @@ which loses nothing: the angle itself is part of the state. Forecasts are turned
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
-Indices = NDArray[np.int64]
+from study.common.arrays import Integers
 
 
-def rotating_pairs_of(facts: dict[str, Any]) -> Indices:
+def rotating_pairs_of(facts: dict[str, Any]) -> Integers:
     """Columns (a, b, ψ) of the pairs that the facts of a data set name, [P, 3]."""
     columns = {variable["name"]: column for column, variable in enumerate(facts.get("state", ()))}
     pairs = [[columns[name] for name in pair] for pair in facts.get("rotating_pairs", ())]

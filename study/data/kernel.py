@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles
 from study.common.files import read_json, write_json
 
 NAME = "kernel.json"
@@ -22,8 +22,8 @@ class Kernel:
     """
 
     names: tuple[str, ...]
-    scale: NDArray[np.float64]
-    bandwidth: NDArray[np.float64]
+    scale: Doubles
+    bandwidth: Doubles
 
     def save(self, folder: Path) -> None:
         """Write ``kernel.json`` into a folder."""

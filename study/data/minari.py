@@ -24,6 +24,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from study.common.arrays import Booleans, Doubles, Floats
 from study.common.errors import BadInput, StudyError
 from study.common.files import sha256
 from study.common.progress import Progress
@@ -32,7 +33,6 @@ from study.data.trajectories import Trajectories, joined
 from study.envs import Simulator, gymnasium_id
 from study.envs.gymnasium_env import SimulatorEnv
 from study.envs.observe import observe_training, real_system, trajectory_seeds
-from study.envs.simulator import Booleans, Doubles, Floats
 
 DESCRIPTION = """\
 Trajectories of {environment}: a policy plans each on the noise-free system, and the noisy one \

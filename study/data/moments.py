@@ -1,15 +1,13 @@
 """Mean and standard deviation of more numbers than fit into memory."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
+from study.common.arrays import Array, Doubles
 
 
-def moments(parts: Callable[[], Iterable[NDArray[Any]]]) -> tuple[Doubles, Doubles]:
+def moments(parts: Callable[[], Iterable[Array]]) -> tuple[Doubles, Doubles]:
     """Mean [D] and standard deviation [D] over all axes but the last, in double precision.
 
     The sums run through the numbers in their order, so the result does not depend on how they are
@@ -25,7 +23,7 @@ def moments(parts: Callable[[], Iterable[NDArray[Any]]]) -> tuple[Doubles, Doubl
 
 
 def _sum(
-    parts: Callable[[], Iterable[NDArray[Any]]], term: Callable[[Doubles], Doubles]
+    parts: Callable[[], Iterable[Array]], term: Callable[[Doubles], Doubles]
 ) -> tuple[int, Doubles]:
     """Number of rows, and the sum of the terms [D]."""
     count, total = 0, np.zeros(())

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from study.data.frames import Indices, rotating_pairs_of, turn
+from study.common.arrays import Floats, Integers
+from study.data.frames import rotating_pairs_of, turn
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
-
-Floats = NDArray[np.float32]
 
 # A component that does not vary (a constant wind, say) is left in its own units.
 SMALLEST_SCALE = 1e-6
@@ -38,7 +36,7 @@ class Normalization:
     action_mean: Floats
     action_scale: Floats
     delta_std: Floats
-    rotating_pairs: Indices
+    rotating_pairs: Integers
 
     @classmethod
     def of(cls, trajectories: Trajectories) -> "Normalization":

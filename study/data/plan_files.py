@@ -24,9 +24,10 @@ from typing import Any
 
 import numpy as np
 
+from study.common.arrays import Floats
 from study.common.errors import BadInput, nearest
 from study.common.files import write_text
-from study.envs.simulator import Floats, Simulator, Variable
+from study.envs.simulator import Simulator, Variable
 
 Columns = dict[str, list[Any]]
 FORMATS = (".csv", ".json")

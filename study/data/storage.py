@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from study.common.arrays import Array
 from study.common.errors import StudyError
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, Array]
 HEADER = "study"
 TYPES = {
     **{f"{kind}{8 * size}": f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)},
@@ -120,7 +120,7 @@ def load_arrays(path: Path) -> tuple[Arrays, dict[str, Any]]:
     return arrays, header["facts"]
 
 
-def load_parts(path: Path, name: str, rows: int) -> Iterator[NDArray[Any]]:
+def load_parts(path: Path, name: str, rows: int) -> Iterator[Array]:
     """One array, `rows` of its first axis at a time; no more is in memory. It is not checked."""
     place = _read_header(path)[0][name]
     row = np.dtype((place.dtype, place.shape[1:]))

@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Floats, Integers
 from study.data.storage import Arrays, load_arrays, save_arrays, save_parts
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Trajectories:
         """T, the number of control steps."""
         return self.actions.shape[1]
 
-    def __getitem__(self, index: slice | NDArray[np.int64]) -> "Trajectories":
+    def __getitem__(self, index: slice | Integers) -> "Trajectories":
         """Some of the trajectories."""
         return Trajectories(
             self.states[index],
@@ -88,7 +86,7 @@ class ScenarioSet:
     def __len__(self) -> int:
         return len(self.s0)
 
-    def __getitem__(self, index: slice | NDArray[np.int64]) -> "ScenarioSet":
+    def __getitem__(self, index: slice | Integers) -> "ScenarioSet":
         """Some of the scenarios."""
         return ScenarioSet(
             self.s0[index],

@@ -10,11 +10,11 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Doubles, Floats, Pixels
 from study.envs.rendering import drawing
 from study.envs.rendering.offscreen import renderer
-from study.envs.simulator import Doubles, Episode, Floats, Scenarios, bounds, simulators
+from study.envs.simulator import Episode, Scenarios, bounds, simulators
 
 WIDTH, HEIGHT = 640, 480
 
@@ -85,7 +85,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         self._steps, self._success = 0, False
         return self._observation(), self._info()
 
-    def step(self, action: NDArray[Any]) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Array) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Hold the action for one control step."""
         if self._episode is None:
             raise RuntimeError("reset the environment before its first step")
@@ -97,7 +97,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         truncated = self._steps >= self.simulator.horizon
         return self._observation(), reward, False, truncated, self._info()
 
-    def physical(self, action: NDArray[Any]) -> Floats:
+    def physical(self, action: Array) -> Floats:
         """Actions [..., A] in SI units, of scaled ones [..., A]."""
         middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
         return self.simulator.bounded(middle + half * np.asarray(action, np.float64))
@@ -107,7 +107,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
         return np.asarray(np.clip((action.astype(np.float64) - middle) / half, -1.0, 1.0))
 
-    def render(self) -> NDArray[np.uint8] | None:
+    def render(self) -> Pixels | None:
         """The scene with the target, [480, 640, 3]; None without a render mode.
 
         Raises:

@@ -5,23 +5,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Doubles, Floats, Integers
 from study.common.seeds import Seeds
 from study.envs.noise import Noise
 from study.envs.pusher_policy import LINK, Habits, arm_end, torques
 from study.envs.registration import register
-from study.envs.simulator import (
-    Booleans,
-    Doubles,
-    Episode,
-    Floats,
-    Policy,
-    Scenarios,
-    Simulator,
-    Variable,
-    bounds,
-)
+from study.envs.simulator import Episode, Policy, Scenarios, Simulator, Variable, bounds
 from study.envs.swarm import swarm
 
 MODEL = Path(__file__).with_name("pusher.xml")
@@ -235,7 +225,7 @@ class Pusher(Simulator):
         hit = moves.any(axis=-1)
         first = np.maximum(moves.argmax(axis=-1), 1)[..., None, None]
 
-        def at(steps: NDArray[np.int64], columns: slice) -> Doubles:
+        def at(steps: Integers, columns: slice) -> Doubles:
             return np.take_along_axis(states[..., columns], steps, axis=-2)[..., 0, :].astype(float)
 
         way = at(first, slice(0, 2)) - at(first - 1, slice(0, 2))

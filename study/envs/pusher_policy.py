@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from study.common.arrays import Doubles
 from study.common.seeds import Seeds
-from study.envs.simulator import Doubles, Variable, bounds
+from study.envs.simulator import Variable, bounds
 
 HABITS = (
     Variable("approach", "m/s", "highest speed of the arm end on its way to the ball", 0.35, 0.6),

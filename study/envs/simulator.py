@@ -27,12 +27,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Doubles, Floats
 from study.common.registry import Registry
 from study.common.seeds import Seeds
-
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 Policy = Callable[[int, Floats], NDArray[np.floating]]
 """Actions [N, A], not yet bounded, at control step t in states [N, D]."""

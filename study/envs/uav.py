@@ -5,20 +5,11 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from study.common.arrays import Booleans, Doubles, Floats
 from study.common.seeds import Seeds
 from study.envs.noise import Noise
 from study.envs.registration import register
-from study.envs.simulator import (
-    Booleans,
-    Doubles,
-    Episode,
-    Floats,
-    Policy,
-    Scenarios,
-    Simulator,
-    Variable,
-    bounds,
-)
+from study.envs.simulator import Episode, Policy, Scenarios, Simulator, Variable, bounds
 from study.envs.uav_flight import ANGLES, BATTERY, POSITION, Flight
 from study.envs.uav_physics import MAX_PAYLOAD, MEAN_PAYLOAD, MODEL, quaternion
 from study.envs.uav_pilot import HABITS, Pilot

@@ -7,6 +7,7 @@ the vertical only. So payload, wind and air leave their marks on the flight.
 
 import numpy as np
 
+from study.common.arrays import Doubles
 from study.envs.uav_physics import (
     GRAVITY,
     INERTIA,
@@ -16,7 +17,6 @@ from study.envs.uav_physics import (
     SPIN_SIGN,
     THRUST_CONSTANT,
     TORQUE_PER_THRUST,
-    Doubles,
 )
 
 ASSUMED_MASS = MASS + MEAN_PAYLOAD

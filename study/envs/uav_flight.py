@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.envs.uav_autopilot import ASSUMED_MASS, Autopilot
 from study.envs.uav_physics import (
     DRAG_AREA,
@@ -19,7 +20,6 @@ from study.envs.uav_physics import (
     THRUST_CONSTANT,
     TORQUE_PER_THRUST,
     Bodies,
-    Doubles,
     Weather,
     air_density,
     drain,
@@ -28,8 +28,6 @@ from study.envs.uav_physics import (
     rotation,
     top_speed,
 )
-
-Floats = NDArray[np.float32]
 
 POSITION, VELOCITY, ANGLES = slice(0, 3), slice(3, 6), slice(6, 9)
 RATES, WIND, TEMPERATURE, BATTERY = slice(9, 12), slice(12, 15), 15, 16

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Doubles
 from study.envs.swarm import swarm
-
-Doubles = NDArray[np.float64]
 
 MODEL = Path(__file__).with_name("uav.xml")
 SWARM = 32
@@ -194,7 +192,7 @@ class Bodies:
         self._qpos[...] = self._pose.reshape(self._qpos.shape)
         self._qvel[...] = self._motion.reshape(self._qvel.shape)
 
-    def step(self, force: Doubles, torque: Doubles, still: NDArray[np.bool_]) -> None:
+    def step(self, force: Doubles, torque: Doubles, still: Booleans) -> None:
         """One physics step under `force` [3, N] in N, world, and `torque` [3, N] in N m, body.
 
         Those marked in `still` [N] do not move.

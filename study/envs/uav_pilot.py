@@ -6,12 +6,9 @@ closed loop on the nominal system, so that it makes up for the mean wind but not
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.envs.simulator import Variable
-
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
 
 HABITS = (
     Variable("arrival", "1", "when the target is reached, as a share of the horizon", 0.35, 1.0),

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds
 from study.envs import Episode, Policy, Scenarios, Simulator, Variable, register
-from study.envs.simulator import Doubles, Floats
 from study.models import Model, models
 
 SCENE = """

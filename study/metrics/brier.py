@@ -7,13 +7,9 @@ counts as the wrong one against each observation, as success where the rollout f
 failure where it succeeded.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
+from study.common.arrays import Array, Doubles
 
 
 def brier(forecast: Array, observed: Array, valid: Array | None = None) -> Doubles:

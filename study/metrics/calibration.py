@@ -18,14 +18,11 @@ no rollout, and half of the rollouts count as below all samples, half as above.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
+from study.common.arrays import Array, Doubles, Integers
 
 BINS = 20
 
@@ -94,7 +91,7 @@ def share_below(ranks: Doubles, values: Array | Sequence[float]) -> Doubles:
     return np.asarray(ranks @ np.vstack([values > 0, within, values >= 1]))
 
 
-def _ranks(samples: Array, rollouts: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _ranks(samples: Array, rollouts: Array) -> tuple[Integers, Integers]:
     """How many samples [N, K] are below each rollout [N, L], and one more than are not above it.
 
     Between the two, first ≤ r < last, lie the ranks that the rollout could have: [N, L] each.

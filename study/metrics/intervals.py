@@ -9,13 +9,10 @@ narrow. So the number of seeds belongs beside every interval.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
+from study.common.arrays import Array, Doubles
 
 RESAMPLES = 2000
 LEVEL = 0.95

@@ -18,17 +18,9 @@ state at infinity: its kernel is 0 with every other and 1 with its like. None is
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from study.common.arrays import Array, Doubles
 from study.metrics.kernel_sums import Gaps
-from study.metrics.mmd import (
-    INFINITY,
-    Array,
-    Discrepancy,
-    Doubles,
-    Told,
-    check,
-    discrepancy,
-    standardise,
-)
+from study.metrics.mmd import INFINITY, Discrepancy, Told, check, discrepancy, standardise
 
 FAR = 1e3
 """From here on, in √2 bandwidths, |x|² + |y|² - 2xy loses more digits than |x - y|² can spare."""

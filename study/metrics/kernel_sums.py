@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
+from study.common.arrays import Doubles, Integers
+
 Complexes = NDArray[np.complex128]
-Indices = NDArray[np.int64]
 
 ERROR = 1e-9
 """What is left out of a kernel: its images, its high frequencies, and its tail beyond its reach."""
@@ -91,12 +91,12 @@ def gaps(x: Doubles, y: Doubles, factors: Sequence[float] = (1.0,)) -> Gaps:
     return Gaps(*found)
 
 
-def _pick(numbers: Doubles, columns: Indices, origin: Doubles) -> Doubles:
+def _pick(numbers: Doubles, columns: Integers, origin: Doubles) -> Doubles:
     # `take` keeps the rows contiguous, as an index would not.
     return numbers.take(columns, axis=1) - origin
 
 
-def _blocks(order: Indices, size: int) -> Iterator[Indices]:
+def _blocks(order: Integers, size: int) -> Iterator[Integers]:
     return (order[start : start + size] for start in range(0, len(order), size))
 
 
@@ -173,7 +173,7 @@ def _binned(x: Doubles, y: Doubles, factors: Sequence[float]) -> Doubles:
     return np.asarray(1 - np.stack(totals, axis=1), np.float64)
 
 
-def _meetings(parts: Indices, stride: int, columns: int) -> tuple[Indices, ...]:
+def _meetings(parts: Integers, stride: int, columns: int) -> tuple[Integers, ...]:
     """Which parts of bins are within reach of each other; see `_binned` for their names.
 
     For each meeting: the two parts, whether the second is in the bin to the right, how often the

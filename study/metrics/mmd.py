@@ -20,15 +20,12 @@ with its like. No finite forecast can score worse, and none is dropped.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Doubles
 from study.metrics.kernel_sums import Gaps, gaps
 
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
 Told = Callable[[float], None]
 
 FLOOR = 0.1

@@ -18,15 +18,13 @@ times the largest coordinate of all scenarios may be rounding, and counts as zer
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.common.arrays import Array, Booleans, Doubles
 from study.common.seeds import derive
 
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 DRAWS = 2000
@@ -202,7 +200,7 @@ class _Minorant:
             np.divide(rise, run, out=slope, where=run > 0)
             self.previous[:, j] = slope.argmax(1)
 
-    def between(self, low: Indices, high: Indices) -> tuple[Doubles, NDArray[np.bool_]]:
+    def between(self, low: Indices, high: Indices) -> tuple[Doubles, Booleans]:
         """Over x[low] to x[high], both [S, 1]: its values, and where it touches, [S, K] each.
 
         Outside of the interval the values have no meaning. The minorant of all points up to
@@ -228,12 +226,12 @@ def _turn(values: Doubles) -> Doubles:
     return -values[:, ::-1]
 
 
-def _latest(mask: NDArray[np.bool_], index: Indices) -> Indices:
+def _latest(mask: Booleans, index: Indices) -> Indices:
     """The last index up to each where the mask [S, K] holds, [S, K]; 0 if there is none."""
     return np.maximum.accumulate(np.where(mask, index, 0), axis=1)
 
 
-def _next(mask: NDArray[np.bool_], index: Indices) -> Indices:
+def _next(mask: Booleans, index: Indices) -> Indices:
     """The first index from each on where the mask [S, K] holds; the last index if none."""
     held = np.where(mask, index, index[-1])
     return np.minimum.accumulate(held[:, ::-1], axis=1)[:, ::-1]

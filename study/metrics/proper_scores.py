@@ -21,16 +21,11 @@ would form anew for each observation.
 each average that holds it. No finite forecast can score worse, and none is dropped.
 """
 
-from typing import Any
-
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Doubles
 from study.metrics.mmd import standard
-
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
 
 STEPS_AT_ONCE = 20
 """Steps whose distances are computed together: few enough that they fit a cache."""

@@ -36,17 +36,12 @@ Each is unbiased, with bins formed from K - 1 samples, so any can come out sligh
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Doubles, Integers
 from study.metrics.brier import brier_fair
 from study.metrics.intervals import RESAMPLES, percentiles, resampled_means
-
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BINS = 10
 

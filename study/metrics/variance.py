@@ -5,15 +5,11 @@ a forecast that is too wide (variance counted twice) or too narrow shows as a ra
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Booleans, Doubles
 from study.metrics.mmd import standard
-
-Array = NDArray[Any]
-Doubles = NDArray[np.float64]
 
 NEGLIGIBLE = 0.01
 """A true standard deviation below this share of the training data's is no variation at all."""
@@ -47,7 +43,7 @@ def _over_true(predicted: Doubles, observed: Array, scale: Array) -> Doubles:
     return np.where(known, predicted / np.where(known, true, 1), np.nan)
 
 
-def _counts(variance: Doubles, scale: Array) -> NDArray[np.bool_]:
+def _counts(variance: Doubles, scale: Array) -> Booleans:
     """Which variances [T, D] are not negligible."""
     return variance > (NEGLIGIBLE * standard(scale)) ** 2
 

@@ -7,16 +7,16 @@ from typing import Any, ClassVar, Protocol
 import lightning as L
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import Parameter
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler, OneCycleLR
 
+from study.common.arrays import Floats, Integers
 from study.common.registry import Registry
 from study.common.seeds import Seeds, spawn
 from study.data.frames import turn
-from study.data.normalization import Floats, Normalization
+from study.data.normalization import Normalization
 
 # Score of forecasts [V, K, T, D] against observed [V, L, T, D], SI units; smaller is better.
 ValidationScore = Callable[[Floats, Floats], float]
@@ -267,7 +267,7 @@ def draw_noise(seeds: Seeds, samples: int, horizon: int, size: int) -> Floats:
     return noise
 
 
-def draw_members(seeds: Seeds, samples: int, members: int) -> NDArray[np.int64]:
+def draw_members(seeds: Seeds, samples: int, members: int) -> Integers:
     """m ~ U{0 … M−1} for each sample, kept over the horizon: [S, K] (Algorithm 1, line 4)."""
     return np.stack(
         [np.random.default_rng([int(seed), 1]).integers(members, size=samples) for seed in seeds]

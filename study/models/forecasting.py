@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from study.common.arrays import Floats, Integers
 from study.common.progress import Progress
 from study.common.seeds import Seeds
 from study.data.storage import Arrays
-from study.data.trajectories import Floats, ScenarioSet
+from study.data.trajectories import ScenarioSet
 from study.envs import Simulator
 from study.models.base import Forecaster, Model, draw_members
 from study.models.checkpoints import load_model
@@ -64,7 +64,7 @@ def picked(
     test: ScenarioSet,
     forecasts: Floats,
     seeds: Seeds,
-    index: NDArray[np.int64],
+    index: Integers,
 ) -> Arrays:
     """All that a recording shows of the scenarios `index` [P]."""
     arrays: Arrays = {
@@ -90,7 +90,7 @@ def ensemble_of(forecaster: Forecaster) -> Ensemble | EnsembleOf | None:
     return inner if isinstance(inner, Ensemble) else None
 
 
-def members_of(forecaster: Forecaster, seeds: Seeds, samples: int) -> NDArray[np.int64] | None:
+def members_of(forecaster: Forecaster, seeds: Seeds, samples: int) -> Integers | None:
     """The member behind each sample, [S, K]; None where there is but one."""
     count = forecaster.members_count() if isinstance(forecaster, Model) else 1
     return draw_members(seeds, samples, count) if count > 1 else None

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from study.common.arrays import Floats
 from study.common.progress import Progress
 from study.common.seeds import Seeds
-from study.data.trajectories import Floats
 from study.envs import Simulator
 from study.envs.observe import repeat_rollouts
 

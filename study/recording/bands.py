@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.plotting.palette import FORECAST, OBSERVED, faint
 from study.recording.streams import finite, send_scalars, style_lines
 
@@ -22,7 +22,7 @@ _WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
 _ALPHAS = (150, 200, 255, 200, 150)
 
 
-def quantiles(states: NDArray[np.float32]) -> NDArray[np.float64]:
+def quantiles(states: Floats) -> Doubles:
     """The quantiles 5, 25, 50, 75 and 95 % [5, T, D] of states [K, T, D].
 
     What is not finite is left out; where nothing is finite the quantile is NaN.
@@ -36,8 +36,8 @@ def quantiles(states: NDArray[np.float32]) -> NDArray[np.float64]:
 def log_bands(
     stream: rr.RecordingStream,
     entity: str,
-    observed: NDArray[np.float64],
-    forecast: NDArray[np.float64],
+    observed: Doubles,
+    forecast: Doubles,
 ) -> None:
     """The bands [5, T] of one dimension as ten lines: observed, then forecast.
 
@@ -54,9 +54,7 @@ def log_bands(
     send_scalars(stream, entity, TIMELINE, steps, values)
 
 
-def axis_range(
-    observed: NDArray[np.float64], forecast: NDArray[np.float64]
-) -> tuple[float, float] | None:
+def axis_range(observed: Doubles, forecast: Doubles) -> tuple[float, float] | None:
     """A y axis for the bands [5, T]: it shows the observed ones and at most as much again.
 
     So a forecast that has diverged leaves the view instead of flattening what was observed. None

@@ -9,8 +9,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from matplotlib.ticker import LogLocator, MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from study.common.arrays import Doubles, Floats
 from study.plotting.palette import FRAME, faint
 
 WIDTH = 1.6
@@ -41,7 +42,7 @@ class Axis:
         margin = 0.05 * (high - low) or 0.1 * abs(high) or 1.0
         return cls(label, low - margin, high + margin)
 
-    def place(self, values: ArrayLike) -> NDArray[np.float64]:
+    def place(self, values: ArrayLike) -> Doubles:
         """Values to the interval [0, 1] of the axis."""
         table = np.asarray(values, dtype=np.float64)
         low, high = self.low, self.high
@@ -50,7 +51,7 @@ class Axis:
             table, low, high = np.log(positive), np.log(low), np.log(high)
         return np.asarray((table - low) / (high - low))
 
-    def ticks(self) -> NDArray[np.float64]:
+    def ticks(self) -> Doubles:
         """Round numbers within the axis."""
         if self.logarithmic:
             locator = LogLocator(base=10, subs=(1.0,), numticks=9)
@@ -71,7 +72,7 @@ class Chart:
     x: Axis
     y: Axis
 
-    def place(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.float32]:
+    def place(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Points [N, 2] of the view from data x [N] and y [N]; those not finite are dropped."""
         points = np.column_stack([WIDTH * self.x.place(x), -self.y.place(y)])
         return points[np.isfinite(points).all(axis=1)].astype(np.float32)

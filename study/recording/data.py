@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from study.common.arrays import Array, Doubles, Floats
 from study.data.trajectories import Trajectories
 from study.plotting.palette import NOW, OBSERVED, TARGET, faint
 from study.recording import bands, blueprints, fans, scenes
@@ -98,7 +98,7 @@ def record_data(
             _log_run(stream, one.root, simulator, model, trajectories.states[one.row])
 
 
-def _choose(distance: NDArray[np.float64]) -> list[_Chosen]:
+def _choose(distance: Doubles) -> list[_Chosen]:
     """The trajectories that come closest to, and stay farthest from, their targets; the median."""
     closest = np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1)
     order = np.argsort(closest, kind="stable")
@@ -116,8 +116,8 @@ def _choose(distance: NDArray[np.float64]) -> list[_Chosen]:
 def _design(
     simulator: "Simulator",
     chosen: list[_Chosen],
-    paths: NDArray[np.float32],
-    targets: NDArray[np.float32],
+    paths: Floats,
+    targets: Floats,
     close_up: rrb.EyeControls3D | None,
 ) -> rrb.Blueprint:
     plotted = tuple(v for v in simulator.state if v.name in simulator.plotted)
@@ -146,7 +146,7 @@ def _signals(group: str, variables: tuple["Variable", ...]) -> list[tuple[str, s
     return [(f"{group} {bands.title(v)}", entity_path(group, v.name)) for v in variables]
 
 
-def _close_up(model: Any, paths: NDArray[np.float32]) -> rrb.EyeControls3D | None:
+def _close_up(model: Any, paths: Floats) -> rrb.EyeControls3D | None:
     """An eye close to bodies that are too small to be seen beside their paths, or none."""
     moving = scenes.moving_bodies(model)
     points = paths.reshape(-1, 3)
@@ -172,13 +172,13 @@ def _log_signals(
     stream: rr.RecordingStream,
     simulator: "Simulator",
     trajectories: Trajectories,
-    distance: NDArray[np.float64],
+    distance: Doubles,
     chosen: list[_Chosen],
 ) -> None:
     """Each signal of all trajectories, a column each; and once more that of those looked at."""
     names = [f"trajectory {row}" for row in range(len(trajectories))]
     grey = [faint(OBSERVED, 110)] * len(names)
-    signals: dict[str, NDArray[Any]] = {"distance": distance}
+    signals: dict[str, Array] = {"distance": distance}
     for group, variables, values in (
         ("state", simulator.state, trajectories.states),
         ("action", simulator.action, trajectories.actions),
@@ -206,7 +206,7 @@ def _log_run(
     root: str,
     simulator: "Simulator",
     model: Any,
-    states: NDArray[np.float32],
+    states: Floats,
 ) -> None:
     """One trajectory [T+1, D] in the scene: its path, its dot, and the bodies' motion."""
     lost = ~np.isfinite(states).all(axis=-1)
@@ -246,7 +246,7 @@ def _about(simulator: "Simulator", trajectories: Trajectories, one: _Chosen, clo
     return text + f"## How to read it\n{how}"
 
 
-def _values(variables: tuple["Variable", ...], values: NDArray[np.float32]) -> str:
+def _values(variables: tuple["Variable", ...], values: Floats) -> str:
     """A list of variables with their values, which wraps where a table would be cut off."""
     return "".join(
         f"- {v.name} = **{value:.3g} {v.unit}**, {v.meaning}\n"
@@ -254,9 +254,7 @@ def _values(variables: tuple["Variable", ...], values: NDArray[np.float32]) -> s
     )
 
 
-def _tables(
-    simulator: "Simulator", trajectories: Trajectories, distance: NDArray[np.float64]
-) -> str:
+def _tables(simulator: "Simulator", trajectories: Trajectories, distance: Doubles) -> str:
     """The trajectories, and the variables, as tables for the README panel."""
     success = simulator.outcome(trajectories.states[:, 1:], trajectories.goal)
     closest = np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1)

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats, Integers
 from study.data.storage import Arrays, load_arrays
-from study.data.trajectories import Floats
 from study.envs.simulator import Simulator
 from study.metrics.variance import Decomposition, decompose, split
 from study.recording.forecasts import Example
@@ -20,7 +19,7 @@ SHOWN = 40
 def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
     """Up to `count` different scenarios, each with the rule by which it was chosen."""
 
-    def by_scenario(metric: str) -> NDArray[np.float64]:
+    def by_scenario(metric: str) -> Doubles:
         rows = scores[(scores.metric == metric) & (scores.scenario >= 0) & (scores.step == -1)]
         rows = rows[rows.dimension == "all"]
         return np.asarray(rows.sort_values("scenario").value)
@@ -77,7 +76,7 @@ def as_example(
 
 
 def position_variance(
-    simulator: Simulator, states: Floats, member: NDArray[np.int64] | None = None
+    simulator: Simulator, states: Floats, member: Integers | None = None
 ) -> Decomposition:
     """Variance of the position over the horizon [T] in m², summed over its axes, and its parts.
 

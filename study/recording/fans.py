@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats, Integers, Pixels
 from study.plotting.palette import FORECAST, OBSERVED, RUN, TARGET, Colour, series
 from study.recording.streams import time_column
 
@@ -31,7 +31,7 @@ _FLAT = 0.05
 _ABOVE = 3.0
 _ASIDE = 1.9
 
-Points = NDArray[np.float32]
+Points = Floats
 
 
 def log_fan(
@@ -112,11 +112,11 @@ def log_paths(
     stream: rr.RecordingStream,
     root: str,
     simulator: "Simulator",
-    goal: NDArray[np.float32],
-    observed: NDArray[np.float32],
-    forecast: NDArray[np.float32],
-    member: NDArray[np.int64] | None = None,
-    members: NDArray[np.float32] | None = None,
+    goal: Floats,
+    observed: Floats,
+    forecast: Floats,
+    member: Integers | None = None,
+    members: Floats | None = None,
 ) -> None:
     """All that is drawn of one scenario besides the scene.
 
@@ -174,7 +174,7 @@ def eye(observed: Points, target: Points) -> rrb.EyeControls3D:
     )
 
 
-def _extent(points: Points) -> tuple[NDArray[np.float64], float]:
+def _extent(points: Points) -> tuple[Doubles, float]:
     """The centre [3] of some points [..., 3] and half the longest side of the box around them."""
     flat = points.reshape(-1, 3).astype(np.float64)
     flat = flat[np.isfinite(flat).all(axis=1)]
@@ -184,12 +184,12 @@ def _extent(points: Points) -> tuple[NDArray[np.float64], float]:
     return (low + high) / 2, max(float((high - low).max()) / 2, 1e-3)
 
 
-def _thin(steps: int) -> NDArray[np.int64]:
+def _thin(steps: int) -> Integers:
     """At most `_POINTS` of the steps, evenly, the first and the last among them."""
     return np.unique(np.linspace(0, steps - 1, min(steps, _POINTS)).round().astype(np.int64))
 
 
-def _table(colours: Colour | Sequence[Colour]) -> NDArray[np.uint8]:
+def _table(colours: Colour | Sequence[Colour]) -> Pixels:
     """One colour, or several, as rows [C, 4]."""
     return np.reshape(np.asarray(colours, dtype=np.uint8), (-1, 4))
 

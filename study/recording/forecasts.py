@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats, Integers
 from study.plotting.palette import FORECAST, OBSERVED
 from study.recording import bands, blueprints, fans, scenes, spread
 from study.recording.properties import Properties, write_markdown, write_readme
@@ -23,7 +23,6 @@ TIMELINE = "horizon"
 FANS = 20
 """So many paths are drawn of what was observed, and of the forecast; the bands are of all."""
 
-Floats = NDArray[np.float32]
 
 README = """
 # Forecasts
@@ -82,10 +81,10 @@ class Example:
     goal: Floats
     observed: Floats
     forecast: Floats
-    member: NDArray[np.int64] | None = None
+    member: Integers | None = None
     members: Floats | None = None
-    aleatoric: NDArray[np.float64] | None = None
-    epistemic: NDArray[np.float64] | None = None
+    aleatoric: Doubles | None = None
+    epistemic: Doubles | None = None
 
     @property
     def title(self) -> str:
@@ -156,7 +155,7 @@ def record_forecast(
                 bands.log_bands(stream, entity, observed[..., dimension], forecast[..., dimension])
 
 
-def success_so_far(simulator: "Simulator", states: Floats, goal: Floats) -> NDArray[np.float64]:
+def success_so_far(simulator: "Simulator", states: Floats, goal: Floats) -> Doubles:
     """The share [T] of trajectories [K, T, D] that have succeeded at or before each step."""
     with np.errstate(invalid="ignore", over="ignore"):
         distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
@@ -177,7 +176,7 @@ def _design(
     simulator: "Simulator",
     examples: Sequence[Example],
     roots: dict[str, str],
-    quantiles: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    quantiles: Sequence[tuple[Doubles, Doubles]],
 ) -> rrb.Blueprint:
     views: dict[str, list[tuple[str, str, tuple[float, float] | None]]] = {}
     eyes: dict[str, rrb.EyeControls3D] = {}

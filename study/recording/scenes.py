@@ -10,8 +10,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from study.common.arrays import Array, Doubles, Floats, Pixels
 from study.recording.streams import entity_path, time_column
 
 # MuJoCo's viewer hides groups 3 to 5 too: that is where collision shapes are kept.
@@ -96,9 +97,7 @@ def log_poses(
         stream.log(_body_path(root, model, body), pose, static=True)
 
 
-def body_poses(
-    model: mujoco.MjModel, qpos: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def body_poses(model: mujoco.MjModel, qpos: Doubles) -> tuple[Floats, Floats]:
     """World positions [N, B, 3] and rotations [N, B, 4] (xyzw) of all bodies for qpos [N, nq].
 
     Raises:
@@ -117,7 +116,7 @@ def body_poses(
     return positions, rotations
 
 
-def xyzw(quaternions: NDArray[Any]) -> NDArray[Any]:
+def xyzw(quaternions: Array) -> Array:
     """MuJoCo's quaternions [..., 4] (w first) as Rerun's (w last)."""
     return np.roll(quaternions, -1, axis=-1)
 
@@ -127,7 +126,7 @@ def _body_path(root: str, model: mujoco.MjModel, body: int, *below: str) -> str:
     return entity_path(*parts, model.body(body).name or f"body_{body}", *below)
 
 
-def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.uint8]:
+def _colour(model: mujoco.MjModel, geom: int) -> Pixels:
     """Its own colour or its material's; of a texture the mean."""
     material = int(model.geom_matid[geom])
     if material < 0:
@@ -173,9 +172,7 @@ def _shapes(model: mujoco.MjModel, kind: str, geoms: list[int]) -> rr.AsComponen
     return rr.Capsules3D(lengths=lengths, radii=radii, translations=starts, **look)
 
 
-def capsule_start(
-    centre: NDArray[np.float64], quaternion: NDArray[np.float64], half_length: float
-) -> NDArray[np.float64]:
+def capsule_start(centre: Doubles, quaternion: Doubles, half_length: float) -> Doubles:
     """Rerun's capsule runs from z = 0 to its length, MuJoCo's from −half to +half of its length."""
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.0, 0.0, -half_length]), quaternion)

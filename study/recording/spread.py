@@ -2,8 +2,8 @@
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.plotting.palette import ALEATORIC, EPISTEMIC, FORECAST, OBSERVED
 from study.recording.streams import finite, send_scalars, style_lines
 
@@ -15,9 +15,9 @@ TITLE = "Spread of position [m]"
 def log_spread(
     stream: rr.RecordingStream,
     entity: str,
-    observed: NDArray[np.float32],
-    aleatoric: NDArray[np.float64],
-    epistemic: NDArray[np.float64],
+    observed: Floats,
+    aleatoric: Doubles,
+    epistemic: Doubles,
 ) -> None:
     """Standard deviations in m: the roots of the variances that the parts [T] of a forecast are.
 

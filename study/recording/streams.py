@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from study.common.arrays import Array, Doubles
 from study.plotting.palette import Colour
 from study.recording.integrity import replacing
 from study.recording.properties import Properties, write_properties
@@ -101,7 +101,7 @@ def entity_path(*parts: str) -> str:
     return str(rr.new_entity_path(list(parts)))
 
 
-def finite(values: NDArray[Any]) -> NDArray[np.float64]:
+def finite(values: Array) -> Doubles:
     """A copy in which whatever is not finite is NaN, which Rerun leaves out of a plot."""
     table = np.asarray(values, dtype=np.float64)
     return np.where(np.isfinite(table), table, np.nan)

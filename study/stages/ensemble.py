@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from study.common.arrays import Floats
 from study.common.progress import Progress
 from study.common.provenance import made_with
 from study.common.seeds import derive, torch_seed
 from study.data.storage import save_parts
-from study.data.trajectories import Floats
 from study.models.checkpoints import save_model
 from study.models.forecasting import members_in_parts
 from study.models.rnn_ensemble import Ensemble

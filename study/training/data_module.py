@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from study.common.arrays import Floats
 from study.common.seeds import spawn
 from study.data.normalization import Normalization
-from study.data.trajectories import Floats, ScenarioSet, Trajectories
+from study.data.trajectories import ScenarioSet, Trajectories
 
 Batch = dict[str, Tensor]
 

@@ -10,11 +10,10 @@ import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, Logger
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
-from study.data.trajectories import Floats
 from study.metrics.mmd import mmd
 from study.models import Model
 from study.models.base import LOG_EVERY, ValidationScore
@@ -25,7 +24,7 @@ from study.training.data_module import TrajectoryDataModule
 SCORED_STEPS = 30
 
 
-def validation_score(scale: NDArray[np.float64], bandwidth: NDArray[np.float64]) -> ValidationScore:
+def validation_score(scale: Doubles, bandwidth: Doubles) -> ValidationScore:
     """Unbiased MMD² of forecasts [V, K, T, D] against observed [V, L, T, D], averaged.
 
     The same measure as on the test set, on scenarios of its own and at every few steps: what is

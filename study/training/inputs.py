@@ -5,11 +5,12 @@ from typing import Any
 
 import torch
 
+from study.common.arrays import Floats
 from study.common.seeds import derive, torch_seed
 from study.data.kernel import Kernel
 from study.data.normalization import Normalization
 from study.data.storage import load_arrays
-from study.data.trajectories import Floats, ScenarioSet, Trajectories
+from study.data.trajectories import ScenarioSet, Trajectories
 from study.models import Model, models
 from study.models.checkpoints import build, load_model
 from study.models.rnn_ensemble import Ensemble

@@ -20,16 +20,14 @@ import resource
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from study.common.arrays import Array
 from study.metrics.joint_mmd import joint_mmd
 from study.metrics.mmd import bandwidths, mmd, pooled, sensitivity, standardise
 
-Array = NDArray[Any]
 Squared = Callable[[Array, Array, Array, Array], Array]
 
 SECONDS, GIGABYTES, RATIO, APART = 30, 2, 3, 1e-6

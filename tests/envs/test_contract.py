@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from study.common.arrays import Floats
 from study.common.seeds import Seeds, spawn
 from study.envs import Rollout, Scenarios, Simulator, simulators
-from study.envs.simulator import Floats
 from study.examples import cart
 
 assert cart.Cart.name == "cart"

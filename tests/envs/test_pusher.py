@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
 from study.envs.pusher import BEHIND, Pusher
 from study.envs.pusher_policy import CONTACT, HABITS, LINK, Habits
-from study.envs.simulator import Doubles, Floats, Rollout, Scenarios
+from study.envs.simulator import Rollout, Scenarios
 from tests.helpers import docstrings
 
 COUNT = 100

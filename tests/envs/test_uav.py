@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
 from study.envs import Simulator, simulators, uav, uav_flight, uav_pilot
 from study.envs import uav_physics as physics
 from study.envs.uav_autopilot import ALLOCATION, _mix
-from study.envs.uav_flight import Flight, Floats, _rates, _spin
-from study.envs.uav_physics import SWARM, Bodies, Doubles, Weather
+from study.envs.uav_flight import Flight, _rates, _spin
+from study.envs.uav_physics import SWARM, Bodies, Weather
 from tests.helpers import docstrings
 
 

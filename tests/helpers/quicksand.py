@@ -2,8 +2,8 @@
 
 import os
 
+from study.common.arrays import Floats
 from study.common.seeds import Seeds
-from study.data.trajectories import Floats
 from study.envs import Rollout, register
 from study.examples.cart import Cart
 

@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pandas as pd
 
+from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
 from study.envs.noise import Noise
-from study.envs.simulator import Doubles, Episode, Floats, Policy, Scenarios, Simulator, Variable
+from study.envs.simulator import Episode, Policy, Scenarios, Simulator, Variable
 from study.recording.forecasts import Example
 
 SCENE = """

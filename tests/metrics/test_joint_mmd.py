@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.metrics import joint_mmd as module
 from study.metrics.joint_mmd import joint_mmd
 from study.metrics.mmd import bandwidths, mmd
-
-Floats = NDArray[np.float32]
 
 SCALE = np.array([2.0, 0.5, 1.0])
 BANDWIDTH = np.array([0.7, 1.3, 0.4])
@@ -18,7 +16,7 @@ def normal(*shape: int, seed: int = 0) -> Floats:
     return np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
 
 
-def kernels(x: Floats, y: Floats) -> NDArray[np.float64]:
+def kernels(x: Floats, y: Floats) -> Doubles:
     """The geometric mean of the kernels of the dimensions, pair by pair, [K, L]."""
     found = np.ones((len(x), len(y)))
     for i, j in np.ndindex(len(x), len(y)):

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles
 from study.metrics import kernel_sums
 from study.metrics.kernel_sums import ERROR, FARTHEST, REACH, WIDE, gaps
-
-Doubles = NDArray[np.float64]
 
 INFINITE = 1e15
 

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 import scoringrules
-from numpy.typing import NDArray
 
+from study.common.arrays import Floats
 from study.metrics.mmd import FLOOR, bandwidths, kernel_score, mmd
-
-Floats = NDArray[np.float32]
 
 SCALE = np.array([2.0, 0.5])
 BANDWIDTH = np.array([0.7, 1.3])

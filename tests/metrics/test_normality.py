@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from study.common.arrays import Doubles
 from study.metrics.normality import (
     DRAWS,
     dip,
@@ -16,8 +16,6 @@ from study.metrics.normality import (
     not_unimodal,
     principal,
 )
-
-Doubles = NDArray[np.float64]
 
 LEAST = 1 / (1 + DRAWS)
 

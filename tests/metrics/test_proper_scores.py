@@ -6,12 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import scoringrules
-from numpy.typing import NDArray
 
+from study.common.arrays import Doubles, Floats
 from study.metrics.proper_scores import crps, energy_score
 
-Floats = NDArray[np.float32]
-Score = Callable[..., NDArray[np.float64]]
+Score = Callable[..., Doubles]
 
 SCALE = np.array([2.0, 0.5, 3.0])
 ONE = np.ones(1)

@@ -15,7 +15,7 @@ def test_the_score_is_the_mmd_of_every_few_steps(horizon: int) -> None:
     generator = np.random.default_rng(0)
     forecasts = generator.normal(size=(3, 5, horizon, 2)).astype(np.float32)
     observed = generator.normal(1.0, size=(3, 4, horizon, 2)).astype(np.float32)
-    scale, bandwidth = np.array([1.0, 2.0], np.float32), np.array([0.5, 0.7], np.float32)
+    scale, bandwidth = np.array([1.0, 2.0]), np.array([0.5, 0.7])
     every = -(-horizon // SCORED_STEPS)
     steps = list(range(horizon - 1, -1, -every))
     expected = mmd(forecasts, observed, scale, bandwidth).squared[:, steps].mean()

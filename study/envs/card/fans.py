@@ -10,16 +10,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Doubles, Floats
 from study.common.errors import BadInput, nearest
 from study.data.trajectories import ScenarioSet
-from study.envs.simulator import Floats, Simulator, Variable
+from study.envs.simulator import Simulator, Variable
 from study.plotting import style
 from study.plotting.png import WIDTH, save
-
-Booleans = NDArray[np.bool_]
-Doubles = NDArray[np.float64]
 
 WANTED = (0.1, 0.5, 0.9)
 """The true probabilities of success that scenarios are shown for."""

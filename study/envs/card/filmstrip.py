@@ -8,17 +8,16 @@ import matplotlib as mpl
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Doubles, Floats, Pixels
 from study.envs.rendering import drawing
 from study.envs.rendering.camera import View, box, close_by, overview
 from study.envs.rendering.offscreen import renderer
-from study.envs.simulator import Floats, Simulator
+from study.envs.simulator import Simulator
 from study.plotting import style
 from study.plotting.png import WIDTH, save
 
-Doubles = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+Picture = Pixels
 
 # What moves is drawn this large at least, as a share of the picture's width.
 _VISIBLE = 1 / 7
@@ -39,7 +38,7 @@ class Frames:
     """
 
     times: Doubles
-    reached: NDArray[np.bool_]
+    reached: Booleans
     far: Picture
     near: Picture | None
     enlarged: int

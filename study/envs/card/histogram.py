@@ -5,8 +5,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from study.common.arrays import Booleans, Integers
 from study.plotting import style
 from study.plotting.png import save
 
@@ -15,7 +15,7 @@ _SHADED = "#56B4E9"
 _PLAIN = "#BBBBBB"
 
 
-def counts(success: NDArray[np.bool_]) -> NDArray[np.int64]:
+def counts(success: Booleans) -> Integers:
     """How many scenarios fall in each bin of 0.1, [10], from the success of K rollouts [S, K].
 
     A probability on the edge of two bins counts in the one further from 0.5, so that the eight
@@ -30,14 +30,14 @@ def counts(success: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.bincount(chosen, minlength=BINS)
 
 
-def uncertain(success: NDArray[np.bool_]) -> float:
+def uncertain(success: Booleans) -> float:
     """The share of scenarios, [S, K], of which more than 0.1 and fewer than 0.9 succeed."""
     scenarios, rollouts = success.shape
     tenths = success.sum(axis=1) * BINS
     return float(((tenths > rollouts) & (tenths < (BINS - 1) * rollouts)).sum()) / scenarios
 
 
-def histogram(success: NDArray[np.bool_], path: Path) -> Path:
+def histogram(success: Booleans, path: Path) -> Path:
     """Write the histogram of the true probabilities of success [S, K] to `path`, a PNG."""
     scenarios, rollouts = success.shape
     base = float(success.mean())

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
+from study.common.arrays import Doubles
 
 CAMERA = "portrait"
 """A camera of this name in a model is used instead of a fitted one."""

@@ -4,9 +4,8 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
+from study.common.arrays import Booleans, Doubles
 
 TARGET = (0.0, 0.62, 0.45)
 PATH = (0.90, 0.50, 0.0)
@@ -29,7 +28,7 @@ def pose(model: mujoco.MjModel, configuration: Doubles) -> mujoco.MjData:
     return data
 
 
-def moving(model: mujoco.MjModel) -> NDArray[np.bool_]:
+def moving(model: mujoco.MjModel) -> Booleans:
     """Which geoms can move, [ngeom]: those not welded to the world."""
     return np.asarray(model.body_weldid[model.geom_bodyid] != 0)
 

@@ -23,17 +23,14 @@ and its skill is NaN. With one scenario the terms of the decomposition are NaN.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from study.common.arrays import Array
 from study.metrics.brier import brier, brier_fair, climatology, two_class
 from study.metrics.reliability import decompose
 from study.metrics.tables.table import by_scenario, by_step, overall
-
-Array = NDArray[Any]
 
 
 def outcome_rows(

@@ -21,12 +21,11 @@ and the rows of `study.metrics.tables.outcome_scores` and `study.metrics.tables.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from study.common.arrays import Array
 from study.metrics.joint_mmd import joint_mmd
 from study.metrics.mmd import mmd, pooled, sensitivity, shifted
 from study.metrics.tables.outcome_scores import outcome_rows
@@ -40,8 +39,6 @@ from study.metrics.tables.table import (
 )
 from study.metrics.tables.trajectory_scores import trajectory_rows
 from study.metrics.variance import mean_of_known, variance_ratio
-
-Array = NDArray[Any]
 
 POOLED_STEPS = 10
 SHIFTS = (0.1, 0.3, 1.0)

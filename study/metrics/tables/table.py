@@ -5,13 +5,10 @@ in place of a step or a scenario mean "averaged over this axis". Steps count fro
 from 0. In front stand the columns that name the cell, once all cells are in one table.
 """
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from study.common.arrays import Array
 
 CELL = ("environment", "level", "model", "seed")
 COLUMNS = ("metric", "dimension", "step", "scenario", "value")

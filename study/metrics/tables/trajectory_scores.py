@@ -19,12 +19,11 @@ Averages of the last three are over what is not negligible; NaN if nothing is.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from study.common.arrays import Array
 from study.metrics.calibration import coverage, pit, rank_histogram
 from study.metrics.proper_scores import crps, energy_score
 from study.metrics.tables.table import (
@@ -41,8 +40,6 @@ from study.metrics.variance import (
     mean_of_known,
     variance_ratio,
 )
-
-Array = NDArray[Any]
 
 LEVELS = (50, 80, 90)
 """Central intervals, in per cent."""

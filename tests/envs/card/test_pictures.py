@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.rendering.classic import gl_context
-from numpy.typing import NDArray
 from PIL import Image
 
+from study.common.arrays import Booleans, Floats, Pixels
 from study.common.errors import BadInput, StudyError
 from study.common.seeds import spawn
 from study.data.trajectories import ScenarioSet
@@ -60,17 +60,17 @@ def _observed(simulator: Simulator, scenarios: int, rollouts: int) -> ScenarioSe
     )
 
 
-def _states(seen: ScenarioSet) -> NDArray[np.float32]:
+def _states(seen: ScenarioSet) -> Floats:
     """The first rollout of the first scenario, [T+1, D]."""
     return np.concatenate([seen.s0[:1], seen.observed[0, 0]])
 
 
-def _contrast(picture: NDArray[np.uint8]) -> float:
+def _contrast(picture: Pixels) -> float:
     """How much a picture [H, W, 3] changes along its rows: standard deviation, 0 to 255."""
     return float(picture.astype(float).std(axis=1).mean())
 
 
-def _target(pictures: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def _target(pictures: Pixels) -> Booleans:
     """Which pixels [..., H, W] have the target's bluish green, which grass does not."""
     red, green, _ = np.moveaxis(pictures.astype(int), -1, 0)
     return green - red > 50
