@@ -117,7 +117,7 @@ examples
   python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
   python -m study.run verify results/quick --rerun uav/high/residual_vae/seed-0
   python -m study.run ablate --config configs/ablations.yaml
-  python -m study.run ablate --ablations '[vae.forecast=mean, vae.latent_size=2]'
+  python -m study.run ablate --ablations '[vae.decoder_output=mean, vae.latent_size=2]'
 
 `python -m study.run all --help` lists every setting.
 """

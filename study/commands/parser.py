@@ -106,7 +106,7 @@ def _variants(parser: ArgumentParser, arguments: list[str], config: Config) -> d
     if not config.ablations:
         raise BadInput(
             "ablations: nothing to change; --config configs/ablations.yaml has a list, or "
-            "--ablations '[vae.forecast=mean]'"
+            "--ablations '[vae.decoder_output=mean]'"
         )
     variants = {"": config}
     for change in config.ablations:
@@ -181,6 +181,7 @@ def _kind(name: str) -> str:
         owner = getattr(owner, step)
     annotation = next(entry.type for entry in fields(owner) if entry.name == last)
     return {
+        "bool": "true or false",
         "int": "a whole number",
         "float": "a number",
         "str": "a name",

@@ -61,29 +61,29 @@ class Ensemble:
 
     Args:
         members: M.
-        data: a member learns from all trajectories (`all`), or from all but its own share of 1/M
-            (`folds`); residuals are then taken to the member that left the trajectory out, as they
-            will be in a forecast. (To the CRPS generators, which score forecasts from several
-            members together, that takes away how the members differ.)
+        cross_fit: each member leaves out a fold of 1/M of the trajectories, and residuals are
+            out-of-fold: taken to the member that left the trajectory out, as in a forecast. Without
+            it all members learn from all trajectories, and residuals are in-sample.
         hidden_size: width of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
         weight_decay: its weight decay, times the number of training trajectories: see
             `Model.weight_decay`.
-        taught: share of the steps that learn single transitions, before whole forecasts count.
-        validate_every: steps between two looks at the validation data.
-        patience: looks without improvement before training stops.
+        teacher_forcing_fraction: share of the steps that are teacher forced; the others train on
+            autoregressive rollouts.
+        validate_every: steps between two evaluations on the validation data.
+        patience: evaluations without improvement before training stops.
     """
 
     members: int = setting(5, low=1)
-    data: str = setting("all", choices=("all", "folds"))
+    cross_fit: bool = False
     hidden_size: int = setting(64, low=1)
     steps: int = setting(1000, low=1)
     batch_size: int = setting(12, low=1)
     learning_rate: float = setting(6e-3, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
-    taught: float = setting(0.4, low=0.0, high=1.0)
+    teacher_forcing_fraction: float = setting(0.4, low=0.0, high=1.0)
     validate_every: int = setting(100, low=1)
     patience: int = setting(6, low=1)
 
@@ -97,8 +97,8 @@ class Tune:
         beta_low: smallest β.
         beta_high: largest β; the search is uniform in log β.
         steps: optimiser steps of a trial at most.
-        reports: times a trial reports its score, and may be pruned.
-        validation: validation trajectories forecast at each report.
+        evaluations: times a trial is evaluated, and may be pruned.
+        validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
     """
 
@@ -106,7 +106,7 @@ class Tune:
     beta_low: float = setting(0.3, low=1e-12)
     beta_high: float = setting(100.0, low=1e-12)
     steps: int = setting(200, low=1)
-    reports: int = setting(2, low=1)
+    evaluations: int = setting(2, low=1)
     validation: int = setting(64, low=2)
     samples: int = setting(16, low=2)
 
@@ -118,25 +118,28 @@ class Vae:
     Args:
         hidden_size: width of the encoder's and the decoder's GRU.
         latent_size: components of z_t.
-        feeding: the decoder's state history in training: its own predictions (`free`), the true
-            states (`teacher`), or first the true ones and then its own (`schedule`).
-        output: the decoder gives its target (`direct`), ε_{t+1} or s_{t+1}, or the target's change
-            (`increment`).
-        forecast: a forecast state is drawn from p_θ(s_{t+1} | ·) (`draw`) or is its mean (`mean`).
-        width: the width of p_θ depends on the past (`state`) or is the same always (`fixed`).
+        teacher_forcing: the decoder's state history in training: the true states (`always`), its
+            own predictions (`never`), or the true states first and then its own (`scheduled`).
+        target: the decoder's output is ε_{t+1} or s_{t+1} itself (`state`), or its change over
+            the step (`delta`).
+        decoder_output: a forecast state is sampled from p_θ(s_{t+1} | ·) (`sample`) or is its
+            mean (`mean`).
+        variance: that of p_θ depends on the past (`heteroscedastic`) or is one number for each
+            dimension (`homoscedastic`).
         encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
             eq. (12) is written (`history`).
-        member: m is drawn for each trajectory of a batch (`sample`) or once for all (`batch`).
+        member: m is sampled for each trajectory of a batch (`trajectory`) or once for all
+            (`batch`).
     """
 
     hidden_size: int = setting(64, low=1)
     latent_size: int = setting(8, low=1)
-    feeding: str = setting("teacher", choices=("free", "teacher", "schedule"))
-    output: str = setting("increment", choices=("direct", "increment"))
-    forecast: str = setting("draw", choices=("draw", "mean"))
-    width: str = setting("state", choices=("state", "fixed"))
+    teacher_forcing: str = setting("always", choices=("always", "never", "scheduled"))
+    target: str = setting("delta", choices=("state", "delta"))
+    decoder_output: str = setting("sample", choices=("sample", "mean"))
+    variance: str = setting("heteroscedastic", choices=("heteroscedastic", "homoscedastic"))
     encoder: str = setting("target", choices=("target", "history"))
-    member: str = setting("sample", choices=("sample", "batch"))
+    member: str = setting("trajectory", choices=("trajectory", "batch"))
 
 
 @dataclass(frozen=True)
@@ -146,28 +149,26 @@ class Crps:
     Args:
         hidden_size: width of the decoder's layers.
         steps: of the optimiser, in place of `train.steps`.
-        single: share of the steps that learns from single transitions, by the logarithmic score;
-            the rest learns from whole trajectories, by the CRPS.
-        batch_size: trajectories that single transitions are drawn from, in place of
-            `train.batch_size`; whole ones are taken from among them.
+        one_step_fraction: share of the steps that trains on single transitions, by the logarithmic
+            score; the others train on autoregressive rollouts, by the CRPS.
+        batch_size: trajectories that single transitions are sampled from, in place of
+            `train.batch_size`; rollouts start from some of them.
         learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
         noise_size: standard normal numbers that drive the decoder at each step.
-        lasting: so many of them are drawn once and stay for the whole trajectory.
+        persistent_noise_size: so many of them are sampled once for the whole trajectory.
         samples: forecasts of each training trajectory that are scored together.
-        energy: weight of the energy score of the joint state.
-        increments: weight of the energy score of the joint state's change over a few steps.
+        energy_weight: weight of the energy score of the joint state.
     """
 
     hidden_size: int = setting(64, low=1)
     steps: int = setting(4000, low=1)
-    single: float = setting(0.8, low=0.0, high=1.0)
+    one_step_fraction: float = setting(0.8, low=0.0, high=1.0)
     batch_size: int = setting(64, low=1)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
     noise_size: int = setting(12, low=1)
-    lasting: int = setting(4, low=0)
+    persistent_noise_size: int = setting(4, low=0)
     samples: int = setting(4, low=2)
-    energy: float = setting(0.3, low=0.0)
-    increments: float = setting(0.0, low=0.0)
+    energy_weight: float = setting(0.3, low=0.0)
 
 
 @dataclass(frozen=True)
@@ -177,13 +178,13 @@ class Mlp:
     Args:
         hidden_size: width of each hidden layer.
         layers: hidden layers.
-        likelihood: that of all transitions alike (`plain`), or the wider ones count more
-            (`weighted`), as in the VAEs' likelihood: see `study/models/networks/likelihood.py`.
+        loss: the negative log-likelihood (`nll`), or the β-NLL (`beta_nll`), as for the VAEs: see
+            `study/models/networks/likelihood.py`.
     """
 
     hidden_size: int = setting(128, low=1)
     layers: int = setting(3, low=1)
-    likelihood: str = setting("weighted", choices=("plain", "weighted"))
+    loss: str = setting("beta_nll", choices=("nll", "beta_nll"))
 
 
 @dataclass(frozen=True)
@@ -203,7 +204,7 @@ class ProbabilisticEnsemble:
 
     Args:
         propagation: a forecast keeps its member for the whole trajectory (`trajectory`, TS∞), or
-            draws one anew at every step (`step`, TS1).
+            samples one at every step (`step`, TS1).
     """
 
     propagation: str = setting("trajectory", choices=("trajectory", "step"))
@@ -221,8 +222,8 @@ class Train:
         learning_rate: of AdamW, at its peak (one-cycle schedule).
         weight_decay: its weight decay, times the number of training trajectories: see
             `Model.weight_decay`.
-        validate_every: steps between two looks at the validation score.
-        patience: looks without improvement before training stops.
+        validate_every: steps between two evaluations of the validation score.
+        patience: evaluations without improvement before training stops.
         accelerator: Lightning's: `auto` takes a GPU where there is one.
     """
 
@@ -291,8 +292,9 @@ class Config:
     Args:
         name: names the results folder, results/NAME.
         plugins: Python modules that register environments or models of your own.
-        ablations: for `ablate`, changes to try one after the other: ``vae.forecast=mean``, or
-            several settings at once, ``vae.forecast=mean vae.feeding=free``.
+        ablations: for `ablate`, changes to try one after the other:
+            ``vae.decoder_output=mean``, or several settings at once,
+            ``vae.decoder_output=mean vae.teacher_forcing=never``.
         grid: which cells there are.
         collect: observed data.
         ensemble: the ensemble of recurrent networks.

@@ -54,19 +54,22 @@ def _check_together(config: Config) -> None:
             f"tune.beta_low: got {tune.beta_low}; it must be at most tune.beta_high, "
             f"{tune.beta_high}"
         )
-    if tune.reports > tune.steps:
-        raise BadInput(f"tune.reports: got {tune.reports}; at most tune.steps, {tune.steps}")
+    if tune.evaluations > tune.steps:
+        raise BadInput(
+            f"tune.evaluations: got {tune.evaluations}; at most tune.steps, {tune.steps}"
+        )
     if collect.trajectories // collect.reduction < 2:
         raise BadInput(
             f"collect.trajectories: got {collect.trajectories}; level high needs at least 2, so "
             f"at least {2 * collect.reduction} with collect.reduction {collect.reduction}"
         )
     crps = config.crps
-    if crps.lasting >= crps.noise_size:
+    if crps.persistent_noise_size >= crps.noise_size:
         raise BadInput(
-            f"crps.lasting: got {crps.lasting}; less than crps.noise_size, {crps.noise_size}"
+            f"crps.persistent_noise_size: got {crps.persistent_noise_size}; "
+            f"less than crps.noise_size, {crps.noise_size}"
         )
-    if config.ensemble.data == "folds" and config.ensemble.members < 2:
-        raise BadInput("ensemble.members: got 1; ensemble.data folds needs at least 2")
+    if config.ensemble.cross_fit and config.ensemble.members < 2:
+        raise BadInput("ensemble.members: got 1; ensemble.cross_fit needs at least 2")
     if not config.name or "/" in config.name or config.name.startswith("."):
         raise BadInput(f"name: got '{config.name}'; it names a folder: letters, digits, - and _")

@@ -32,8 +32,6 @@ from study.models.baseline import OnBaseline
 from study.models.networks.likelihood import logarithmic_score
 from study.models.networks.transition import TransitionDecoder
 
-# Steps between two states whose difference is scored as an increment.
-LAG = 5
 _LEAST = 1e-6
 
 # How many transitions, and how many trajectories, serve for one step of the optimiser.
@@ -91,7 +89,7 @@ class CrpsGenerator(OnBaseline):
     ) -> None:
         super().__init__(normalization, settings)
         crps = settings["crps"]
-        self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["lasting"])
+        self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["persistent_noise_size"])
         sizes = (self.action_size + extra_conditions, crps["hidden_size"], self.noise_size)
         self.decode = TransitionDecoder(normalization, *sizes, self.lasting)
 
@@ -112,7 +110,7 @@ class CrpsGenerator(OnBaseline):
 
     def first_free(self) -> int:
         """The first step of the optimiser that serves whole trajectories."""
-        return round(self.settings["crps"]["single"] * self.settings["train"]["steps"])
+        return round(self.settings["crps"]["one_step_fraction"] * self.settings["train"]["steps"])
 
     def forgets(self, step: int) -> bool:
         """See `Model.forgets`: the gradient of trajectories is of another size."""
@@ -187,11 +185,7 @@ class CrpsGenerator(OnBaseline):
         unit = each.detach().clamp(min=_LEAST)
         forecasts, truth = forecasts / unit, truth / unit
         joint = fair_score(forecasts, truth).mean()
-        loss = loss + crps["energy"] * joint.clamp(min=_LEAST).log()
-        if crps["increments"] and truth.shape[1] > LAG:
-            change, true_change = (x[:, LAG:] - x[:, :-LAG] for x in (forecasts, truth))
-            moved = fair_score(change, true_change).mean()
-            loss = loss + crps["increments"] * moved.clamp(min=_LEAST).log()
+        loss = loss + crps["energy_weight"] * joint.clamp(min=_LEAST).log()
         return {"loss": loss, "loss/crps": each.mean(), "loss/energy_score": joint}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:

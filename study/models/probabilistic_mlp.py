@@ -54,7 +54,7 @@ class ProbabilisticMlp(Model):
         change = (states[:, 1:] - states[:, :-1]) / self.delta_std
         squares = (change - mean).square() * torch.exp(-log_variance)
         each = 0.5 * (squares + log_variance + math.log(2 * math.pi))
-        if self.settings["mlp"]["likelihood"] == "weighted":
+        if self.settings["mlp"]["loss"] == "beta_nll":
             each = by_width(0.5 * log_variance) * each
         likelihood = each.sum(-1).mean()
         # Draws the bounds towards what the data need (Chua et al. 2018, appendix A.1).

@@ -111,7 +111,7 @@ class Ensemble(Model):
         """
         states, actions, options = batch["states"], batch["actions"], self.settings["ensemble"]
         s0, truth = states[:, :, 0], states[:, :, 1:]
-        if self.global_step < options["taught"] * options["steps"]:
+        if self.global_step < options["teacher_forcing_fraction"] * options["steps"]:
             forecasts = self.members(s0, actions, states[:, :, :-1])
         else:
             forecasts = self.members(s0, actions)

@@ -39,17 +39,21 @@ class Vae(OnBaseline):
     ) -> None:
         super().__init__(normalization, settings)
         vae = settings["vae"]
-        self.beta, self.feeding, self.draws = beta, vae["feeding"], vae["forecast"] == "draw"
+        self.beta, self.feeding, self.draws = (
+            beta,
+            vae["teacher_forcing"],
+            vae["decoder_output"] == "sample",
+        )
         self.latent_size = int(vae["latent_size"])
         self.noise_size = self.latent_size + (self.state_size if self.draws else 0)
-        increments = vae["output"] == "increment"
+        increments = vae["target"] == "delta"
         self.cvae = RecurrentCvae(
             self.delta_std if increments else torch.ones_like(self.delta_std),
             self.action_size + extra_conditions,
             vae["hidden_size"],
             self.latent_size,
             increments=increments,
-            one_width=vae["width"] == "fixed",
+            one_width=vae["variance"] == "homoscedastic",
             sees_target=vae["encoder"] == "target",
         )
 
@@ -60,8 +64,8 @@ class Vae(OnBaseline):
 
     def is_taught(self, step: int) -> bool:
         """Whether the decoder is now fed the true states instead of its own predictions."""
-        if self.feeding != "schedule":
-            return self.feeding == "teacher"
+        if self.feeding != "scheduled":
+            return self.feeding == "always"
         return bool(step < TAUGHT * self.settings["train"]["steps"])
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
@@ -103,7 +107,7 @@ class Vae(OnBaseline):
         decode = self.cvae.decode
         if not self.draws:
             forecasts = decode(*given)
-        elif self.feeding == "teacher":
+        elif self.feeding == "always":
             forecasts = decode.draw(*given, normal)
         else:
             mean, log_width = decode.distribution(*given)

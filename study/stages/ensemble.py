@@ -33,7 +33,7 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     """See the module."""
     training, validation, normalization = training_data(settings, inputs["data"])
     options = settings["ensemble"]
-    folds = options.get("data") == "folds"
+    folds = options["cross_fit"]
     data = TrajectoryDataModule(
         normalization,
         training,

@@ -120,7 +120,7 @@ def _try(
         progress,
         seed=settings["seed"],
         steps=tune["steps"],
-        validate_every=tune["steps"] // tune["reports"],
+        validate_every=tune["steps"] // tune["evaluations"],
         patience=None,
         accelerator=sections["train"]["accelerator"],
         callbacks=[report],

@@ -58,12 +58,9 @@ class Pipeline:
     def ensemble(self, cell: Cell) -> Task:
         """The M networks of one environment, level and seed."""
         label = f"{cell.environment}/{cell.level}/seed-{cell.seed}"
-        options = asdict(self.config.ensemble)
-        if options["data"] == "all":
-            del options["data"]  # it came later: what was fitted before is the same, and so its key
         settings = self._training_set(cell) | {
             "seed": derive(label, "ensemble"),
-            "ensemble": options,
+            "ensemble": asdict(self.config.ensemble),
         }
         return self._task("ensemble", label, settings, data=self.collect(cell.environment))
 

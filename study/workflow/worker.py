@@ -5,7 +5,7 @@ import logging
 import random
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -55,11 +55,10 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
     with _logged(log):
         try:
             prepare(task.plugins, threads)
-            module = importlib.import_module(f"study.stages.{task.stage}")
-            out = store.begin(task, getattr(module, "RESUMABLE", False))
+            out = store.begin(task, getattr(_stage(task), "RESUMABLE", False))
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
-            module.run(dict(task.settings), inputs, out, progress)
+            run_stage(task, inputs, out, progress)
             began_at = began.isoformat(timespec="milliseconds")
             store.finish(task, {"began": began_at, "threads": threads} | meter.read())
         except Exception as problem:
@@ -68,6 +67,15 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
         finally:
             store.progress(task).unlink(missing_ok=True)
     return Outcome(task, meter.read()["seconds"], error)
+
+
+def run_stage(task: Task, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
+    """Run the task's stage on the folders `inputs`, into the folder `out`; see `prepare`."""
+    _stage(task).run(dict(task.settings), dict(inputs), out, progress)
+
+
+def _stage(task: Task) -> Any:
+    return importlib.import_module(f"study.stages.{task.stage}")
 
 
 def prepare(plugins: tuple[str, ...], threads: int) -> None:

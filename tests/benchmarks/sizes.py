@@ -34,8 +34,8 @@ def built(name: str, config: Config, data: Trajectories) -> Model:
     """A model as it is before training, that never forces its networks with true states."""
     free = replace(
         config,
-        ensemble=replace(config.ensemble, taught=0.0),
-        vae=replace(config.vae, feeding="free"),
+        ensemble=replace(config.ensemble, teacher_forcing_fraction=0.0),
+        vae=replace(config.vae, teacher_forcing="never"),
     )
     sections: dict[str, Any] = {
         section: asdict(getattr(free, section)) for section in ("ensemble", "vae", "mlp", "train")

@@ -12,7 +12,7 @@ from study.models.oracle import Oracle
 from study.stages import collect, validate
 from tests.helpers.running import SMALL, study
 
-CHANGES = "--ablations=[vae.forecast=mean, vae.latent_size=1 vae.feeding=free]"
+CHANGES = "--ablations=[vae.decoder_output=mean, vae.latent_size=1 vae.teacher_forcing=never]"
 
 
 def test_a_table_of_changes(tmp_path: Path) -> None:
@@ -22,8 +22,8 @@ def test_a_table_of_changes(tmp_path: Path) -> None:
     page = (tmp_path / "out" / "README.md").read_text()
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| `")]
     assert [row[0] for row in rows] == [
-        "| `vae.forecast=mean`",
-        "| `vae.latent_size=1 vae.feeding=free`",
+        "| `vae.decoder_output=mean`",
+        "| `vae.latent_size=1 vae.teacher_forcing=never`",
     ]
     # `drift` has no setting of the VAEs: it is fitted once, and told once.
     assert all(row[2].startswith("–") for row in rows)
@@ -50,10 +50,16 @@ def test_a_table_of_changes(tmp_path: Path) -> None:
     ("flags", "expected"),
     [
         ([], "nothing to change"),
-        (["--ablations=[vae.forecst=mean]"], "did you mean 'vae.forecast'?"),
-        (["--ablations=[vae.forecast=men]"], "'vae.forecast=men': vae.forecast: got 'men'"),
-        (["--ablations=[vae.forecast=mean, vae.forecast=mean]"], "each value may stand there once"),
-        (["--ablations=[vae.forecast]"], "vae.forecast: its value is missing"),
+        (["--ablations=[vae.decoder_outpt=mean]"], "did you mean 'vae.decoder_output'?"),
+        (
+            ["--ablations=[vae.decoder_output=men]"],
+            "'vae.decoder_output=men': vae.decoder_output: got 'men'",
+        ),
+        (
+            ["--ablations=[vae.decoder_output=mean, vae.decoder_output=mean]"],
+            "each value may stand there once",
+        ),
+        (["--ablations=[vae.decoder_output]"], "vae.decoder_output: its value is missing"),
     ],
 )
 def test_what_cannot_be_changed(flags: list[str], expected: str, tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def settings(
 ) -> dict[str, Any]:
     return {
         "vae": asdict(Vae(hidden_size=8, latent_size=4, **vae)),
-        "crps": asdict(Crps(hidden_size=8, noise_size=5, lasting=2, **(crps or {}))),
+        "crps": asdict(Crps(hidden_size=8, noise_size=5, persistent_noise_size=2, **(crps or {}))),
         "mlp": asdict(Mlp(hidden_size=8, layers=2)),
         "model_ensemble": asdict(ModelEnsemble(members=3)),
         "probabilistic_ensemble": asdict(ProbabilisticEnsemble(propagation)),

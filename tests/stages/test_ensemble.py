@@ -42,7 +42,7 @@ def test_residuals_are_to_the_member_that_left_the_trajectory_out(
     sizes = {"trajectories": 20, "validation": 4, "scenarios": 2, "rollouts": 2, "horizon": 10}
     settings = {"environment": "cart", "collect": sizes | {"reduction": 10, "seed": 0}}
     collect.run(settings, {}, data, Progress())
-    options = asdict(Ensemble(members=MEMBERS, data="folds", hidden_size=4, steps=8))
+    options = asdict(Ensemble(members=MEMBERS, cross_fit=True, hidden_size=4, steps=8))
     monkeypatch.setattr(stage, "CHUNK", 4)  # 14 trajectories: parts that begin at any fold
     given = {"first": 2, "trajectories": 14, "seed": 0, "ensemble": options}
     stage.run(given, {"data": data}, out, Progress())
@@ -60,5 +60,5 @@ def test_without_folds_an_ensemble_is_what_it_was_before_there_were_any() -> Non
     cell = Cell("uav", "low", "residual_vae", 0)
     task = Pipeline(Config()).ensemble(cell)
     assert "data" not in task.settings["ensemble"]
-    folds = Pipeline(Config(ensemble=Ensemble(data="folds"))).ensemble(cell)
+    folds = Pipeline(Config(ensemble=Ensemble(cross_fit=True))).ensemble(cell)
     assert folds.key != task.key
