@@ -1,0 +1,40 @@
+"""Settings to JSON and back."""
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+from study.common.errors import BadInput
+
+T = TypeVar("T")
+
+
+def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
+    """A frozen dataclass of settings from what `dataclasses.asdict` gave and JSON kept.
+
+    A setting without a value has its default.
+
+    Args:
+        kind: the dataclass; its fields may be dataclasses.
+        values: by the name of the field.
+
+    Raises:
+        BadInput: a value has a name that the dataclass does not have.
+    """
+    known = get_type_hints(kind)
+    names = [entry.name for entry in fields(kind)]  # type: ignore[arg-type]
+    if unknown := [name for name in values if name not in names]:
+        raise BadInput(f"unknown setting '{unknown[0]}' of {kind.__name__}")
+    return kind(**{name: _convert(known[name], value) for name, value in values.items()})
+
+
+def _convert(annotation: Any, value: Any) -> Any:
+    """JSON has lists for tuples and mappings for dataclasses."""
+    if isinstance(annotation, UnionType):
+        if value is None:
+            return None
+        annotation = next(a for a in get_args(annotation) if a is not type(None))
+    if is_dataclass(annotation) and isinstance(annotation, type):
+        return from_json(annotation, value)
+    return tuple(value) if get_origin(annotation) is tuple else value
