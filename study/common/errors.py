@@ -1,5 +1,6 @@
-"""Errors that are meant for the user: one line that says what to do, never a traceback."""
+"""Errors for the user: one line that says what is wrong and what to do, never a traceback."""
 
+import errno
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -26,3 +27,23 @@ def nearest(given: str, allowed: Iterable[str]) -> str:
     matches = get_close_matches(given, names, n=1, cutoff=0.5)
     listed = f"(allowed: {', '.join(names)})"
     return f"did you mean '{matches[0]}'? {listed}" if matches else listed
+
+
+REMEDIES = {
+    errno.ENOSPC: "the disk is full; remove files from it or give another --out",
+    errno.EDQUOT: "the disk quota is used up; remove files or give another --out",
+    errno.EACCES: "no permission; change the permissions or give another --out",
+    errno.EPERM: "no permission; change the permissions or give another --out",
+    errno.EROFS: "the file system is read-only; give another --out",
+    errno.ENAMETOOLONG: "the name is too long; give a shorter one",
+}
+
+
+def explain(error: OSError) -> str:
+    """One line about an error of the operating system: the file, what is wrong, what to do.
+
+    >>> explain(OSError(errno.ENAMETOOLONG, "File name too long", "x.md"))
+    'x.md: the name is too long; give a shorter one'
+    """
+    reason = REMEDIES.get(error.errno or 0) or error.strerror or str(error)
+    return reason if error.filename is None else f"{error.filename}: {reason}"

@@ -1,10 +1,10 @@
-"""Files that are whole or not there: atomic writes, checksums, and JSON with stable bytes."""
+"""Files that are complete or absent: atomic writes, checksums, and JSON with stable bytes."""
 
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,36 @@ def digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
+@contextmanager
+def replacing(path: Path, sync: bool = False) -> Iterator[Path]:
+    """Write a file under a temporary name, and rename it when it is complete.
+
+    A reader finds the old file or the new one, never a part. The temporary name is always the same,
+    so that the next writer overwrites what a killed process left.
+
+    Args:
+        path: the file; its folder is created.
+        sync: wait until the bytes are on the disk, so that a power failure leaves no empty file.
+
+    Yields:
+        the temporary path to write to. If the block raises, the file is removed.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.new")
+    try:
+        yield temporary
+        if sync:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a file so that a reader finds the old one or the new one, never a part."""
-    with _replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
+    """Write a text file atomically, in UTF-8."""
+    with replacing(path, sync=True) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -41,27 +65,36 @@ def read_json(path: Path) -> Any:
 
 def copy(source: Path, target: Path) -> None:
     """Copy a file atomically."""
-    with _replacing(target) as temporary:
+    with replacing(target) as temporary:
         shutil.copyfile(source, temporary)
 
 
 def same_bytes(one: Path, other: Path) -> bool:
-    """Whether both files are there and hold the same bytes."""
+    """Whether both files exist and hold the same bytes."""
     if not one.is_file() or not other.is_file() or one.stat().st_size != other.stat().st_size:
         return False
     return sha256(one) == sha256(other)
 
 
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A place beside `path` to write to, moved there at the end.
+def write_checksums(path: Path, checksums: Mapping[str, str]) -> None:
+    """Write the SHA-256 of files as ``sha256sum --check`` reads it.
 
-    Its name is always the same: what a killed process left is written over, not left for good.
+    Args:
+        path: the file of checksums.
+        checksums: SHA-256 by file name, relative to the folder of `path`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_text(path, "".join(f"{value}  {name}\n" for name, value in checksums.items()))
+
+
+def read_checksums(path: Path) -> dict[str, str]:
+    """What `write_checksums` wrote: SHA-256 by file name.
+
+    Raises:
+        OSError: the file is missing or cannot be read.
+        ValueError: it holds no checksums.
+    """
+    pairs = [line.split("  ", 1) for line in path.read_text(encoding="utf-8").splitlines()]
+    checksums = {name: value for value, name in pairs}
+    if not checksums:
+        raise ValueError("it is empty")
+    return checksums

@@ -6,6 +6,8 @@ from copy import copy
 from pathlib import Path
 from typing import Any
 
+from study.common.files import replacing
+
 
 class Progress:
     """Called by a stage with the fraction done, in [0, 1], and what it is doing.
@@ -36,9 +38,8 @@ class Progress:
         if self.path is None:
             return
         state = {"fraction": fraction, "message": message}
-        temporary = self.path.with_suffix(".new")
-        temporary.write_text(json.dumps(state))
-        temporary.replace(self.path)
+        with replacing(self.path) as temporary:
+            temporary.write_text(json.dumps(state))
 
 
 def read_progress(path: Path) -> dict[str, Any]:
