@@ -1,0 +1,313 @@
+"""The tables of the front page and of the report, from the committed results of a study."""
+
+from collections import Counter
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from paper_figs.pages.marks import pipe_table
+from paper_figs.results import read_scores
+from paper_figs.text import number, title
+from study.claims.paper import BRIER
+from study.common.arrays import Doubles
+from study.common.files import read_json
+from study.config.names import (
+    BEYOND,
+    ENSEMBLE,
+    ENVIRONMENTS,
+    FULL,
+    FULL_CRPS,
+    LEVELS,
+    MLP,
+    MODELS,
+    ORACLE,
+    RESIDUAL,
+    RESIDUAL_CRPS,
+    label,
+)
+from study.metrics.brier import skill
+from study.metrics.intervals import difference
+from study.metrics.tables.table import select
+
+CELLS = [(environment, level) for environment in ENVIRONMENTS for level in LEVELS]
+VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
+SECTIONS = {"Pusher (section V-A)": "V-A", "UAV (section V-B)": "V-B", "checks of our own": "ours"}
+METRICS = {"mmd2": "MMD²", "brier": "Brier score"}
+CONTRASTS = (
+    (FULL, RESIDUAL),
+    (MLP, RESIDUAL),
+    (FULL_CRPS, RESIDUAL_CRPS),
+    (RESIDUAL_CRPS, RESIDUAL),
+    (FULL_CRPS, RESIDUAL),
+)
+"""Differences that the report discusses: the first model minus the second."""
+CLIMATOLOGY = "climatology"
+
+
+class Study:
+    """The numbers that a study left in its results folder, each file read once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @cached_property
+    def scores(self) -> pd.DataFrame:
+        """The rows of ``scores.parquet`` that the tables need."""
+        scores = read_scores(self._folder)
+        averaged = (scores["step"] == -1) & (scores["dimension"] == "all")
+        wanted = scores["metric"].isin(["mmd2", "brier", "brier_climatology"]) & averaged
+        return scores[wanted | (scores["metric"] == "variance_ratio")]
+
+    @cached_property
+    def claims(self) -> list[dict[str, Any]]:
+        """``claims.json``."""
+        claims: list[dict[str, Any]] = read_json(self._folder / "claims.json")
+        return claims
+
+    @cached_property
+    def trials(self) -> pd.DataFrame:
+        """``trials.parquet``: the searches for β."""
+        return pd.read_parquet(self._folder / "trials.parquet")
+
+    @cached_property
+    def timings(self) -> pd.DataFrame:
+        """``timings.json``: one row a task, with its stage, model and environment."""
+        times = read_json(self._folder / "timings.json")
+        rows = [
+            {
+                "stage": task.split()[0],
+                "environment": task.split()[1].split("/")[0],
+                "model": (task.split("/") + [""] * 3)[2],
+                "cpu": seconds,
+                "memory": times["peak_memory"][task],
+            }
+            for task, seconds in times["cpu_seconds"].items()
+        ]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def models(self) -> list[str]:
+        """The models that were trained, the paper's first."""
+        present = set(self.scores["model"])
+        return [model for model in (*MODELS, *BEYOND) if model in present]
+
+    def values(self, metric: str, environment: str, level: str, model: str) -> Doubles:
+        """One metric of one cell: [seeds, S]."""
+        if model == CLIMATOLOGY:
+            metric, model = "brier_climatology", ORACLE
+        return select(self.scores, metric, environment, level, model).to_numpy(np.float64)
+
+    def mean(self, metric: str, environment: str, level: str, model: str) -> float:
+        """The mean over seeds and scenarios."""
+        return float(self.values(metric, environment, level, model).mean())
+
+    def skill(self, environment: str, level: str, model: str) -> float:
+        """The Brier skill: 0 is the climatology, 1 the oracle."""
+        names = (model, ORACLE, CLIMATOLOGY)
+        score, oracle, climatology = (
+            self.mean("brier", environment, level, name) for name in names
+        )
+        return skill(score, oracle, climatology)
+
+    def variance_ratio(
+        self, environment: str, level: str, model: str, dimension: str | None = None
+    ) -> float:
+        """Forecast variance / true variance: the median over steps, dimensions and seeds."""
+        ratios = select(
+            self.scores, "variance_ratio", environment, level, model, by="dimension and step"
+        )
+        return float(np.nanmedian(ratios[dimension] if dimension else ratios))
+
+
+def tables(results: Path) -> dict[str, Callable[[], str]]:
+    """The functions that write the tables, by name.
+
+    Args:
+        results: the folder with the committed results, ``results/`` of the repository.
+    """
+    study = Study(results / "paper")
+    return {
+        "verdicts": lambda: verdicts(study),
+        "claims": lambda: claims(study),
+        "answer": lambda: answer(study),
+        "brier": lambda: scores(study, "brier", [*study.models, ENSEMBLE, ORACLE, CLIMATOLOGY]),
+        "mmd": lambda: scores(study, "mmd2", [*study.models, ENSEMBLE, ORACLE]),
+        "seeds": lambda: seeds(study),
+        "differences-mmd": lambda: differences(study, "mmd2"),
+        "differences-brier": lambda: differences(study, "brier"),
+        "skill": lambda: measure(study, study.skill, [*study.models, ENSEMBLE]),
+        "variance": lambda: measure(study, study.variance_ratio, [*study.models, ENSEMBLE, ORACLE]),
+        "vertical": lambda: vertical(study),
+        "beta": lambda: beta(study),
+        "fit-seconds": lambda: fit_seconds(study),
+        "stages": lambda: stages(study),
+        "ablations": lambda: ablations(read_json(results / "ablations" / "ablations.json")),
+    }
+
+
+def verdicts(study: Study) -> str:
+    """How many claims of each section got each verdict."""
+    rows = []
+    paper = [claim for claim in study.claims if claim["section"] != "ours"]
+    groups = {"**the paper's claims**": paper} | {
+        name: [claim for claim in study.claims if claim["section"] == section]
+        for name, section in SECTIONS.items()
+    }
+    for name, group in groups.items():
+        counts = Counter(claim["verdict"] for claim in group)
+        rows.append([name, str(len(group)), *(str(counts[verdict]) for verdict in VERDICTS)])
+    return pipe_table(["", "claims", *VERDICTS], rows)
+
+
+def claims(study: Study) -> str:
+    """Every claim of the paper, its verdict, and the effect that decides it."""
+    rows = []
+    for claim in study.claims:
+        if claim["section"] != "ours":
+            finding = claim["deciding"]
+            effect = _signed(*(float(finding[end]) for end in ("effect", "low", "high")))
+            rows.append([claim["words"], claim["verdict"], effect])
+    return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
+
+
+def answer(study: Study) -> str:
+    """MMD² and Brier score of each cell, with the paper's Brier scores in brackets."""
+    models = [*MODELS, FULL_CRPS, ORACLE]
+    rows = [
+        [f"{name}, {_name(cell)}", *_entries(study, metric, cell, models)]
+        for metric, name in METRICS.items()
+        for cell in CELLS
+    ]
+    return pipe_table(["", *(label(model) for model in models)], rows)
+
+
+def scores(study: Study, metric: str, models: list[str]) -> str:
+    """One metric by cell and model."""
+    rows = [[_name(cell), *_entries(study, metric, cell, models)] for cell in CELLS]
+    return pipe_table(["", *(label(model) for model in models)], rows)
+
+
+def _entries(study: Study, metric: str, cell: tuple[str, str], models: list[str]) -> list[str]:
+    """The scores of one cell: bold the best of the paper's models, in brackets the paper's."""
+    means = {model: study.mean(metric, *cell, model) for model in models}
+    best = min(MODELS, key=means.__getitem__)
+    entries = []
+    for model, mean in means.items():
+        text = f"**{number(mean)}**" if model == best else number(mean)
+        paper = BRIER.get((*cell, model)) if metric == "brier" else None
+        entries.append(text if paper is None else f"{text} ({number(paper)})")
+    return entries
+
+
+def seeds(study: Study) -> str:
+    """MMD² and Brier score of each training seed."""
+    rows = [
+        [f"{name}, {_name(cell)}"]
+        + [
+            ", ".join(number(mean) for mean in study.values(metric, *cell, model).mean(axis=1))
+            for model in study.models
+        ]
+        for metric, name in METRICS.items()
+        for cell in CELLS
+    ]
+    return pipe_table(["", *(label(model) for model in study.models)], rows)
+
+
+def differences(study: Study, metric: str) -> str:
+    """Differences between models, with intervals over seeds and scenarios."""
+    rows = []
+    for first, second in CONTRASTS:
+        row = [f"{label(first)} − {label(second)}"]
+        for cell in CELLS:
+            found = difference(*(study.values(metric, *cell, model) for model in (first, second)))
+            row.append(_signed(found.estimate, found.low, found.high, digits=3))
+        rows.append(row)
+    return pipe_table([METRICS[metric], *map(_name, CELLS)], rows)
+
+
+def measure(study: Study, value: Callable[[str, str, str], float], models: list[str]) -> str:
+    """A number of each cell and model, with two digits."""
+    rows = [[_name(cell), *(number(value(*cell, m), 2) for m in models)] for cell in CELLS]
+    return pipe_table(["", *(label(model) for model in models)], rows)
+
+
+def vertical(study: Study) -> str:
+    """Forecast variance / true variance of the UAV's height and vertical speed."""
+    rows = [
+        [f"{name}, {label(level)}"]
+        + [number(study.variance_ratio("uav", level, m, dimension), 2) for m in study.models]
+        for dimension, name in (("z", "height"), ("vz", "vertical speed"))
+        for level in LEVELS
+    ]
+    return pipe_table(["", *(label(model) for model in study.models)], rows)
+
+
+def beta(study: Study) -> str:
+    """The β that each search chose, by training seed."""
+    chosen = study.trials[study.trials["chosen"]]
+    rows = []
+    for cell in CELLS:
+        row = [_name(cell)]
+        for model in (RESIDUAL, FULL):
+            here = (chosen["environment"] == cell[0]) & (chosen["level"] == cell[1])
+            found = chosen[here & (chosen["model"] == model)].sort_values("seed")
+            row.append(", ".join(f"{value:.1f}" for value in found["beta"]))
+        rows.append(row)
+    return pipe_table(["β", label(RESIDUAL), label(FULL)], rows)
+
+
+def fit_seconds(study: Study) -> str:
+    """Processor seconds to fit each model, its search for β included; means over the fits."""
+    rows = []
+    for environment in ENVIRONMENTS:
+        here = study.timings[study.timings["environment"] == environment]
+        row = [label(environment)]
+        for model in study.models:
+            fits = here[here["stage"].isin(["tune", "train"]) & (here["model"] == model)]
+            row.append(f"{fits.groupby('stage')['cpu'].mean().sum():.0f}")
+        members = here[here["stage"] == "ensemble"]["cpu"].mean()
+        rows.append([*row, f"{members:.0f}"])
+    return pipe_table(["", *(label(model) for model in study.models), "ensemble"], rows)
+
+
+def stages(study: Study) -> str:
+    """What each stage of the study took."""
+    total = study.timings["cpu"].sum()
+    rows = []
+    for stage, tasks in study.timings.groupby("stage", sort=False):
+        seconds, memory = tasks["cpu"].sum(), tasks["memory"].max() / 1e6
+        share = f"{seconds / total:.0%}".replace("%", " %")
+        rows.append([str(stage), str(len(tasks)), f"{seconds:,.0f}", share, f"{memory:,.0f}"])
+    rows.append(["all", str(len(study.timings)), f"{total:,.0f}", "100 %", ""])
+    heads = ["stage", "tasks", "processor seconds", "share", "peak memory, MB"]
+    return pipe_table(heads, rows)
+
+
+def ablations(record: dict[str, Any]) -> str:
+    """MMD² after a change as a multiple of MMD² without it; a dash where nothing changes."""
+    before, *_ = (name for name in record["scores"] if name not in record["settings"]["ablations"])
+    names = [(e, model) for model in MODELS for e in ENVIRONMENTS]
+    rows = []
+    for change in record["settings"]["ablations"]:
+        row = [f"`{change}`"]
+        for environment, model in names:
+            cell = f"{environment}/low/{model}/seed-0"
+            old, new = (record["scores"][key].get(cell) for key in (before, change))
+            same = old is None or new is None or old == new
+            row.append("—" if same else f"{new['mmd2'] / old['mmd2']:.2f}")
+        if set(row[1:]) != {"—"}:
+            rows.append(row)
+    return pipe_table(["change", *(f"{label(m)}, {label(e)}" for e, m in names)], rows)
+
+
+def _name(cell: tuple[str, str]) -> str:
+    environment, level = cell
+    return f"{title(environment)}, {label(level)}"
+
+
+def _signed(estimate: float, low: float, high: float, digits: int = 4) -> str:
+    return f"{number(estimate, digits)} [{number(low, digits)}, {number(high, digits)}]"
