@@ -1,15 +1,26 @@
-"""What results were made with: the versions of packages, and the revision of this source."""
+"""Where results come from: settings, versions of packages, and a hash of this source."""
 
 import json
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from study import __version__
-from study.common.files import digest, sha256
+from study.common.files import digest, read_json, sha256
+
+MANIFEST = "manifest.json"
+"""In the folder that a stage wrote: its settings, inputs and checksums (`study.workflow.store`)."""
 
 SOURCE = Path(__file__).resolve().parent.parent
 PACKAGES = ("torch", "lightning", "mujoco", "rerun-sdk", "optuna", "numpy")
+
+
+def settings_of(folder: Path) -> dict[str, Any]:
+    """The settings of the stage that wrote `folder`, from its manifest."""
+    settings: dict[str, Any] = read_json(folder / MANIFEST)["settings"]
+    return settings
 
 
 def versions() -> dict[str, str]:
@@ -24,9 +35,9 @@ def versions() -> dict[str, str]:
 
 
 def source_revision() -> str:
-    """A hash of every source file of this package: the same with and without git, installed or not.
+    """A hash of every source file of this package.
 
-    It changes with any edit, committed or not, so it names the source more surely than a commit.
+    It is the same with and without git, installed or not, and it changes with any edit.
     """
     files = {
         path.relative_to(SOURCE).as_posix(): sha256(path)
@@ -37,9 +48,19 @@ def source_revision() -> str:
 
 
 def made_with() -> dict[str, str]:
-    """The same for the properties of a recording."""
+    """Versions and source, as properties of a recording."""
     return {
         "study_version": __version__,
         "source_revision": source_revision()[:16],
         "versions": json.dumps(versions(), sort_keys=True),
     }
+
+
+def made_from(settings: Any) -> dict[str, str]:
+    """Settings of a stage, versions and source, as properties of a recording.
+
+    Args:
+        settings: a dataclass of `study.config.stage_settings` with a `seed`.
+    """
+    config = json.dumps(asdict(settings), sort_keys=True)
+    return {"seed": str(settings.seed), **made_with(), "config": config}

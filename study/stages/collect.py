@@ -1,14 +1,15 @@
-"""Stage collect: observe one real system.
+"""Stage collect: observe one environment.
 
 Writes ``train.safetensors`` (Trajectories), ``validation.safetensors`` and ``test.safetensors``
-(ScenarioSets) and ``kernel.json``: the units and bandwidths in which every forecast is scored.
+(ScenarioSets), and ``kernel.json``: the units and bandwidths in which every forecast is scored.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from study.common.progress import Progress
 from study.common.seeds import derive
+from study.config.stage_settings import CollectSettings
 from study.data.kernel import Kernel
 from study.data.moments import moments
 from study.data.storage import load_parts
@@ -16,22 +17,25 @@ from study.data.trajectories import ScenarioSet, save_all
 from study.envs.observe import CHUNK, observe_scenarios, observe_training, real_system
 from study.metrics.mmd import bandwidths
 
-# Rollouts of each validation scenario: with more than one, forecasts can be scored by MMD².
 VALIDATION_ROLLOUTS = 4
+"""Rollouts of each validation scenario. MMD² needs at least two."""
 
 
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
-    """See the module. Training, validation and test scenarios have seeds of their own."""
-    collect, (simulator, seed) = settings["collect"], real_system(settings)
-    train = observe_training(settings, progress.part(0.0, 0.5))
-    save_all(out / "train.safetensors", train, collect["trajectories"])
+def run(
+    settings: CollectSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
+) -> None:
+    """See the module. Training, validation and test scenarios have separate seeds."""
+    collect = settings.collect
+    simulator, seed = real_system(settings.environment, collect)
+    training = observe_training(settings.environment, collect, progress.part(0.0, 0.5))
+    save_all(out / "train.safetensors", training, collect.trajectories)
     for name, count, rollouts, part in (
-        ("validation", collect["validation"], VALIDATION_ROLLOUTS, progress.part(0.5, 0.6)),
-        ("test", collect["scenarios"], collect["rollouts"], progress.part(0.6, 1.0)),
+        ("validation", collect.validation, VALIDATION_ROLLOUTS, progress.part(0.5, 0.6)),
+        ("test", collect.scenarios, collect.rollouts, progress.part(0.6, 1.0)),
     ):
         scenarios = observe_scenarios(simulator, count, rollouts, derive(seed, name), part)
         save_all(out / f"{name}.safetensors", scenarios, count)
-    # The kernel is measured on validation rollouts: the test set serves for nothing but scores.
+    # Bandwidths come from validation rollouts: the test set is used for scores alone.
     validation = ScenarioSet.load(out / "validation.safetensors")
     _, scale = moments(lambda: load_parts(out / "train.safetensors", "states", CHUNK))
     bandwidth = bandwidths(validation.observed, scale)

@@ -1,87 +1,77 @@
 """Stage ensemble: fit the M recurrent networks, and forecast the training trajectories with them.
 
 Writes ``ensemble.safetensors`` (weights), ``members.safetensors`` (the members' forecasts of the
-training trajectories, [N, M, T, D]: the residuals of every cell are made from them),
+training trajectories, [N, M, T, D], from which every cell's residuals are computed),
 ``metrics.csv`` and ``training.rrd``.
 """
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
 from study.common.arrays import Floats
 from study.common.progress import Progress
-from study.common.provenance import made_with
+from study.common.provenance import made_from
 from study.common.seeds import derive, torch_seed
+from study.config.stage_settings import EnsembleSettings
 from study.data.storage import save_parts
 from study.models.checkpoints import save_model
 from study.models.forecasting import members_in_parts
-from study.models.rnn_ensemble import Ensemble
+from study.models.rnn_ensemble import RnnEnsemble
 from study.recording.training import RerunLogger
 from study.training.data_module import TrajectoryDataModule
-from study.training.fit import fit
+from study.training.fit import FitOptions, fit
 from study.training.inputs import training_data
 
-CHUNK = 512
 
-
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+def run(
+    settings: EnsembleSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
+) -> None:
     """See the module."""
-    training, validation, normalization = training_data(settings, inputs["data"])
-    options = settings["ensemble"]
-    folds = options["cross_fit"]
+    training, validation, normalization = training_data(settings.training, inputs["data"])
+    ensemble = settings.ensemble
     data = TrajectoryDataModule(
         normalization,
         training,
         validation,
-        options["batch_size"],
-        derive(settings["seed"], "order"),
-        orders=options["members"],
-        folds=folds,
+        ensemble.batch_size,
+        derive(settings.seed, "order"),
+        data_streams=ensemble.members,
+        cross_fit=ensemble.cross_fit,
     )
-    torch.manual_seed(torch_seed(settings["seed"]))
-    model = Ensemble(normalization, {"ensemble": options})
-    properties = {
-        "seed": str(settings["seed"]),
-        **made_with(),
-        "config": json.dumps(settings, sort_keys=True),
-    }
+    torch.manual_seed(torch_seed(settings.seed))
+    model = RnnEnsemble(normalization, ensemble)
+    options = FitOptions(
+        settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
+    )
     with RerunLogger(
-        out / "training.rrd", recording_name="training of the ensemble", properties=properties
+        out / "training.rrd",
+        recording_name="training of the ensemble",
+        properties=made_from(settings),
     ) as logger:
-        fit(
-            model,
-            data,
-            out,
-            progress.part(0.0, 0.95),
-            seed=settings["seed"],
-            steps=options["steps"],
-            validate_every=options["validate_every"],
-            patience=options["patience"],
-            clip=None,
-            loggers=[logger],
-        )
+        fit(model, data, out, progress.part(0.0, 0.95), options, loggers=[logger])
     save_model(model, "ensemble", out / "ensemble.safetensors")
     progress(0.95, "forecasts of the training trajectories")
     parts = members_in_parts(model, training.states[:, 0], training.actions)
-    if folds:
-        parts = that_left_it_out(parts)
+    if ensemble.cross_fit:
+        parts = _out_of_fold(parts)
     save_parts(out / "members.safetensors", ({"members": part} for part in parts), len(training))
 
 
-def that_left_it_out(parts: Iterator[Floats]) -> Iterator[Floats]:
-    """ŷ_m [n, M, T, D] of trajectories in a row: of each that member's for all which left it out.
+def _out_of_fold(parts: Iterator[Floats]) -> Iterator[Floats]:
+    """Replace every member's forecast by that of the member that left the trajectory out.
 
-    See `ShuffledBatches`. So whatever member a residual model draws, it has never seen the
-    trajectory.
+    A residual model then never sees a residual to a member that was trained on the trajectory,
+    whichever member it samples. The folds are those of `ShuffledBatches`.
+
+    Args:
+        parts: ŷ_m [n, M, T, D] of consecutive trajectories.
     """
     first = 0
     for part in parts:
         rows, members = np.arange(len(part)), part.shape[1]
-        chosen = part[rows, (first + rows) % members]
-        yield np.broadcast_to(chosen[:, None], part.shape)
+        out_of_fold = part[rows, (first + rows) % members]
+        yield np.broadcast_to(out_of_fold[:, None], part.shape)
         first += len(part)

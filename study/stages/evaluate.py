@@ -1,18 +1,22 @@
-"""Stage evaluate: forecast the test scenarios and score the forecasts.
+"""Stage evaluate: forecast the test scenarios, and score the forecasts.
 
-Every forecaster, the simulator included, goes through the same lines. Writes ``scores.parquet``
-(tidy, see `study.metrics.scores`) and ``examples.safetensors``: the forecasts of a few scenarios,
-chosen by stated rules, for the recordings; and, of a forecaster with an ensemble,
-``illustration.safetensors``: the positions and variances that Fig. 1 of the paper shows.
+Every forecaster, the oracle included, is scored by the same code. Writes
+
+- ``scores.parquet``, the tidy table of `study.metrics.tables.scores`;
+- ``examples.safetensors``, the forecasts of a few scenarios, chosen by stated rules, for the
+  recordings;
+- ``illustration.safetensors`` for a forecaster with an ensemble: the positions and variances that
+  Fig. 1 of the paper shows.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from study.common.progress import Progress
 from study.common.seeds import spawn
+from study.config.stage_settings import EvaluateSettings
 from study.data.kernel import Kernel
 from study.data.storage import save_arrays
 from study.data.trajectories import ScenarioSet
@@ -23,35 +27,38 @@ from study.models.oracle import Oracle
 from study.recording.examples import choose_examples, illustrate
 
 
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+def run(
+    settings: EvaluateSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
+) -> None:
     """See the module."""
-    evaluate, samples = settings["evaluate"], settings["evaluate"]["samples"]
+    evaluate = settings.evaluate
     test = ScenarioSet.load(inputs["data"] / "test.safetensors")
-    simulator = simulators[settings["environment"]](horizon=test.actions.shape[1])
-    forecaster = load_forecaster(settings["model"], simulator, inputs)
+    simulator = simulators[settings.environment](horizon=test.actions.shape[1])
+    forecaster = load_forecaster(settings.model, simulator, inputs)
     kernel = Kernel.load(inputs["data"])
-    seeds = spawn(settings["seed"], len(test))
+    seeds = spawn(settings.seed, len(test))
     progress(0.01, "forecasting")
-    forecasts = forecast_in_parts(forecaster, test, samples, seeds, progress.part(0.01, 0.5))
-    member = members_of(forecaster, seeds, samples)
+    part = progress.part(0.01, 0.5)
+    forecasts = forecast_in_parts(forecaster, test, evaluate.samples, seeds, part)
+    goal = test.goal[:, None]
     scores = score(
         forecasts,
         test.observed,
         Outcomes(
-            simulator.outcomes(forecasts, test.goal[:, None]),
-            simulator.outcomes(test.observed, test.goal[:, None]),
-            simulator.reached(forecasts, test.goal[:, None]),
-            simulator.reached(test.observed, test.goal[:, None]),
+            simulator.outcomes(forecasts, goal),
+            simulator.outcomes(test.observed, goal),
+            simulator.reached(forecasts, goal),
+            simulator.reached(test.observed, goal),
         ),
         kernel.scale,
-        kernel.bandwidth * evaluate["bandwidth"],
+        kernel.bandwidth * evaluate.bandwidth,
         kernel.names,
-        member,
+        members_of(forecaster, seeds, evaluate.samples),
         ruler=isinstance(forecaster, Oracle),
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
     scores.to_parquet(out / "scores.parquet", index=False)
-    chosen = choose_examples(scores, evaluate["examples"])
+    chosen = choose_examples(scores, evaluate.examples)
     arrays = picked(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
     save_arrays(out / "examples.safetensors", arrays, {"rules": list(chosen)})
     if "members" in arrays:

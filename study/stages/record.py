@@ -1,19 +1,21 @@
-"""Stage record: the cell's Rerun recordings, from what the earlier stages left.
+"""Stage record: the Rerun recordings of a cell, from the files of earlier stages.
 
 Writes ``forecast.rrd`` and ``scores.rrd``, and where the cell has them ``training.rrd`` and
 ``tuning.rrd``, each with its SHA-256.
 """
 
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from study.common.files import copy, read_json
 from study.common.progress import Progress
-from study.common.provenance import made_with
+from study.common.provenance import made_with, settings_of
 from study.config.grid import Cell
+from study.config.stage_settings import RecordSettings
 from study.envs import simulators
 from study.recording.examples import read_examples
 from study.recording.forecasts import record_forecast
@@ -21,22 +23,23 @@ from study.recording.integrity import checksum_path
 from study.recording.properties import Properties
 from study.recording.scores import record_scores
 from study.recording.tuning import record_tuning
-from study.workflow.store import MANIFEST
 
 
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+def run(
+    settings: RecordSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
+) -> None:
     """See the module."""
-    cell = Cell(*(settings[name] for name in ("environment", "level", "model", "seed")))
+    cell = Cell(**asdict(settings))
     properties = _properties(cell, inputs)
-    for source in ("trained", "ensemble"):
-        if source in inputs:
-            recording = inputs[source] / "training.rrd"
-            copy(recording, out / recording.name)
-            copy(checksum_path(recording), checksum_path(out / recording.name))
-            break
+    # Of a residual model, the recording of its own training; of the ensemble alone, its training.
+    fitted = inputs.get("trained", inputs.get("ensemble"))
+    if fitted is not None:
+        recording = fitted / "training.rrd"
+        copy(recording, out / recording.name)
+        copy(checksum_path(recording), checksum_path(out / recording.name))
     if "tuning" in inputs:
         tuning = read_json(inputs["tuning"] / "tuning.json")
-        record_tuning(out / "tuning.rrd", _trials(tuning["trials"]), properties)
+        record_tuning(out / "tuning.rrd", tuning["trials"], properties)
     progress(0.2, "scores")
     scores = pd.read_parquet(inputs["evaluation"] / "scores.parquet")
     record_scores(out / "scores.rrd", scores, properties)
@@ -46,23 +49,8 @@ def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: 
     record_forecast(out / "forecast.rrd", simulator, examples, properties)
 
 
-def _properties(cell: Cell, inputs: dict[str, Path]) -> Properties:
-    """What the recordings say of where they come from."""
-    settings = {name: read_json(folder / MANIFEST)["settings"] for name, folder in inputs.items()}
-    return {
-        "cell": cell.name,
-        "environment": cell.environment,
-        "level": cell.level,
-        "model": cell.model,
-        "seed": cell.seed,
-        **made_with(),
-        "config": json.dumps(settings, sort_keys=True),
-    }
-
-
-def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """JSON has no integer keys."""
-    return [
-        trial | {"intermediate": {int(k): v for k, v in trial["intermediate"].items()}}
-        for trial in trials
-    ]
+def _properties(cell: Cell, inputs: Mapping[str, Path]) -> Properties:
+    """The cell, versions and source, and the settings of every stage before this one."""
+    settings = {name: settings_of(folder) for name, folder in inputs.items()}
+    config = json.dumps(settings, sort_keys=True)
+    return {"cell": cell.name, **asdict(cell), **made_with(), "config": config}

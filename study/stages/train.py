@@ -1,47 +1,39 @@
-"""Stage train: fit one cell's model, with the tuned β where it has one.
+"""Stage train: fit one cell's model, with the β that the stage tune chose, where it has one.
 
 Writes ``model.safetensors``, ``metrics.csv``, ``training.rrd`` and ``fit.json`` (β, best score).
 """
 
-import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from study.common.files import read_json, write_json
 from study.common.progress import Progress
-from study.common.provenance import made_with
+from study.common.provenance import made_from
+from study.config.stage_settings import TrainSettings
 from study.models.checkpoints import save_model
 from study.recording.training import RerunLogger
-from study.training.fit import fit
+from study.training.fit import FitOptions, fit
 from study.training.inputs import prepare
+from study.training.validation import LogForecastScore
 
 
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+def run(settings: TrainSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """See the module."""
     beta = None
     if "tuning" in inputs:
         beta = read_json(inputs["tuning"] / "tuning.json")["beta"]
-    model, data = prepare(settings, inputs, beta)
-    train = settings["sections"]["train"]
-    properties = {
-        "seed": str(settings["seed"]),
-        **made_with(),
-        "config": json.dumps(settings, sort_keys=True),
-    }
+    start = prepare(settings, inputs, beta)
     with RerunLogger(
-        out / "training.rrd", recording_name="training", properties=properties
+        out / "training.rrd", recording_name="training", properties=made_from(settings)
     ) as logger:
         score = fit(
-            model,
-            data,
+            start.model,
+            start.data,
             out,
             progress,
-            seed=settings["seed"],
-            steps=train["steps"],
-            validate_every=train["validate_every"],
-            patience=train["patience"],
-            accelerator=train["accelerator"],
+            FitOptions.from_settings(start.train, settings.seed),
             loggers=[logger],
+            callbacks=[LogForecastScore(start.score)],
         )
-    save_model(model, settings["model"], out / "model.safetensors", beta)
+    save_model(start.model, settings.model, out / "model.safetensors", beta)
     write_json(out / "fit.json", {"beta": beta, "validation_score": score})

@@ -1,11 +1,13 @@
-"""Stage tune: Optuna searches β, uniformly in log β, on forecasts of validation scenarios.
+"""Stage tune: Optuna searches β, uniformly in log β, by the score of validation forecasts.
 
 Writes ``tuning.json`` (the best β and every trial) and ``journal.log``, an Optuna journal that
-``optuna-dashboard`` opens. A stopped search goes on where it was: what a trial does depends on the
-cell's seed and on the trials that ended before it, and on nothing that a stop could change.
+``optuna-dashboard`` opens. A stopped search resumes: what a trial does depends on the cell's seed
+and on the trials that ended before it, so a stop changes nothing.
 """
 
 import gc
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,123 +24,154 @@ from study.common.errors import StudyError
 from study.common.files import write_json
 from study.common.progress import Progress
 from study.common.seeds import derive, torch_seed
+from study.config.convert import from_json
+from study.config.settings import Tune
+from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
-from study.training.fit import fit
+from study.training.fit import FitOptions, fit
 from study.training.inputs import prepare
+from study.training.validation import LogForecastScore
 
 RESUMABLE = True
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 
-def run(settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress) -> None:
+def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """See the module."""
-    tune = settings["tune"]
-    optuna.logging.enable_propagation()
-    optuna.logging.disable_default_handler()
-    study = optuna.create_study(
-        study_name=f"beta of {settings['model']}",
-        storage=JournalStorage(JournalFileBackend(str(out / "journal.log"))),
-        # What a fit reaches in its first half is much the same for every β.
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=2, n_warmup_steps=tune["steps"] // 2),
-        load_if_exists=True,
-    )
-    for stopped in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-        study.tell(stopped.number, state=TrialState.FAIL)
-    while (index := len(study.get_trials(deepcopy=False, states=ENDED))) < tune["trials"]:
-        study.sampler = sampler(index, settings)
-        trial = study.ask()
-        beta = trial.suggest_float("beta", tune["beta_low"], tune["beta_high"], log=True)
-        part = progress.part(index / tune["trials"], (index + 1) / tune["trials"])
-        report = Report(trial)
-        score = _try(beta, settings, inputs, out, part, report)
+    tune = settings.tune
+    search = _open_search(settings, out)
+    while (index := len(search.get_trials(deepcopy=False, states=ENDED))) < tune.trials:
+        search.sampler = sampler(index, settings)
+        trial = search.ask()
+        beta = trial.suggest_float("beta", tune.beta_low, tune.beta_high, log=True)
+        part = progress.part(index / tune.trials, (index + 1) / tune.trials)
+        report = ReportToOptuna(trial)
+        score = _short_fit(beta, settings, inputs, out, part, report)
         if report.pruned:
-            study.tell(trial, state=TrialState.PRUNED)
+            search.tell(trial, state=TrialState.PRUNED)
         elif np.isfinite(score):
-            study.tell(trial, score)
+            search.tell(trial, score)
         else:
             raise StudyError(f"beta {beta:.3g}: the validation score is {score}")
-    ended = study.get_trials(deepcopy=False, states=ENDED)
+    ended = search.get_trials(deepcopy=False, states=ENDED)
     write_json(
         out / "tuning.json",
         {
-            "beta": study.best_params["beta"],
-            "score": study.best_value,
+            "beta": search.best_params["beta"],
+            "score": search.best_value,
             "trials": [_as_json(number, trial) for number, trial in enumerate(ended)],
         },
     )
 
 
-def sampler(index: int, settings: dict[str, Any]) -> BaseSampler:
-    """Of trial `index`: first an even cover of log β, then TPE with a seed of its own."""
-    tune = settings["tune"]
-    seed = torch_seed(derive(settings["seed"], "trial", index))
-    startup = (tune["trials"] + 1) // 2
-    base = TPESampler(n_startup_trials=startup, seed=seed)
+def _open_search(settings: TuneSettings, out: Path) -> optuna.Study:
+    """The search in `out`, new or resumed. A trial that a stop interrupted counts as failed."""
+    optuna.logging.enable_propagation()
+    optuna.logging.disable_default_handler()
+    search = optuna.create_study(
+        study_name=f"beta of {settings.fit.model}",
+        storage=JournalStorage(JournalFileBackend(str(out / "journal.log"))),
+        # Scores of the first half of a fit hardly depend on β, so they prune no trial.
+        pruner=optuna.pruners.MedianPruner(
+            n_startup_trials=2, n_warmup_steps=settings.tune.steps // 2
+        ),
+        load_if_exists=True,
+    )
+    for stopped in search.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        search.tell(stopped.number, state=TrialState.FAIL)
+    return search
+
+
+def sampler(index: int, settings: TuneSettings) -> BaseSampler:
+    """The sampler of trial `index`: an even grid in log β first, then TPE with its own seed."""
+    tune = settings.tune
+    seed = torch_seed(derive(settings.fit.seed, "trial", index))
+    startup = (tune.trials + 1) // 2
+    tpe = TPESampler(n_startup_trials=startup, seed=seed)
     if index >= startup:
-        return base
-    # The middles of equal shares of the range, the outer ones last: pruning begins informed.
-    share = (np.arange(startup) + 0.5) / startup
-    order = np.argsort(np.abs(share - 0.5), kind="stable")
-    low, high = np.log(tune["beta_low"]), np.log(tune["beta_high"])
-    beta = float(np.exp(low + share[order[index]] * (high - low)))
-    return PartialFixedSampler({"beta": beta}, base)
+        return tpe
+    return PartialFixedSampler({"beta": _grid(tune, startup)[index]}, tpe)
 
 
-class Report(Callback):
-    """Reports each validation score to Optuna, and stops a trial that is not worth going on."""
+def _grid(tune: Tune, count: int) -> list[float]:
+    """The middles of `count` equal parts of the range of log β, the inner ones first.
+
+    Pruning compares with earlier trials, and inner values of β are the better reference.
+    """
+    fraction = (np.arange(count) + 0.5) / count
+    order = np.argsort(np.abs(fraction - 0.5), kind="stable")
+    low, high = np.log(tune.beta_low), np.log(tune.beta_high)
+    return [float(np.exp(low + fraction[i] * (high - low))) for i in order]
+
+
+class ReportToOptuna(Callback):
+    """Reports every validation score to Optuna, and stops a trial that Optuna prunes."""
 
     def __init__(self, trial: optuna.Trial) -> None:
         self.trial, self.pruned = trial, False
 
     def on_validation_end(self, trainer: L.Trainer, _: L.LightningModule) -> None:
-        """After each look."""
+        """After each validation."""
         score = float(trainer.callback_metrics["validation_score"])
         self.trial.report(score, trainer.global_step)
         if self.trial.should_prune():
             self.pruned = trainer.should_stop = True
 
 
-def _try(
+def _short_fit(
     beta: float,
-    settings: dict[str, Any],
-    inputs: dict[str, Path],
+    settings: TuneSettings,
+    inputs: Mapping[str, Path],
     out: Path,
     progress: Progress,
-    report: Report,
+    report: ReportToOptuna,
 ) -> float:
-    """The validation score after a short fit; all trials begin with the same weights."""
-    tune = settings["tune"]
-    sections = models[settings["model"]].trial_settings(settings["sections"])
-    short = sections | {"train": sections["train"] | {"steps": tune["steps"]}}
-    model, data = prepare(settings | {"sections": short}, inputs, beta, tune["validation"])
-    model.validation_samples = tune["samples"]
+    """The validation score after a short fit. All trials start from the same weights."""
+    tune, seed = settings.tune, settings.fit.seed
+    start = prepare(_of_trial(settings), inputs, beta, tune.samples, tune.validation)
+    options = FitOptions(
+        seed,
+        tune.steps,
+        tune.steps // tune.evaluations,
+        patience=None,
+        accelerator=start.train.accelerator,
+    )
     curves = out / "trial"
     score = fit(
-        model,
-        data,
+        start.model,
+        start.data,
         curves,
         progress,
-        seed=settings["seed"],
-        steps=tune["steps"],
-        validate_every=tune["steps"] // tune["evaluations"],
-        patience=None,
-        accelerator=sections["train"]["accelerator"],
-        callbacks=[report],
+        options,
+        callbacks=[LogForecastScore(start.score), report],
     )
     for file in curves.glob("*"):
         file.unlink()
     curves.rmdir()
-    # Trainer and model hold each other: without this the data of every trial stay in memory.
-    del model, data
+    # Trainer and model refer to each other. Without a collection the data of every trial would
+    # stay in memory.
+    del start
     gc.collect()
     return score
 
 
+def _of_trial(settings: TuneSettings) -> TrainSettings:
+    """The settings of a trial's fit: the model's, for a search, with the steps of a trial."""
+    model = models[settings.fit.model]
+    of_trial = model.trial_settings(from_json(model.settings_class, settings.fit.model_settings))
+    short = replace(of_trial, train=replace(of_trial.train, steps=settings.tune.steps))
+    return replace(settings.fit, model_settings=asdict(short))
+
+
 def _as_json(number: int, trial: FrozenTrial) -> dict[str, Any]:
+    """A trial: its β, its state, and its score; of a pruned trial, the last that it reported."""
+    complete = trial.state == TrialState.COMPLETE
+    reported = trial.intermediate_values
+    last = reported[max(reported)] if reported else None
     return {
         "number": number,
         "beta": trial.params["beta"],
-        "value": trial.value if trial.state == TrialState.COMPLETE else None,
-        "state": "complete" if trial.state == TrialState.COMPLETE else "pruned",
-        "intermediate": {str(step): value for step, value in trial.intermediate_values.items()},
+        "state": "complete" if complete else "pruned",
+        "score": trial.value if complete else last,
+        "intermediate": {str(step): value for step, value in reported.items()},
     }

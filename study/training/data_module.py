@@ -1,4 +1,4 @@
-"""The LightningDataModule: whole trajectories in memory, in standard units, batched by index."""
+"""The LightningDataModule: whole trajectories in memory, normalized, batched by index."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ Batch = dict[str, Tensor]
 
 
 class InMemory(Dataset[Batch]):
-    """Tensors that share their first axis; an index [...] takes from all of them at once."""
+    """Tensors with a common first axis. An index tensor [...] selects from all of them."""
 
     def __init__(self, tensors: Batch) -> None:
         self.tensors = tensors
@@ -30,53 +30,64 @@ class InMemory(Dataset[Batch]):
 
 
 class ShuffledBatches(Sampler[Tensor]):
-    """An endless stream of index batches [*orders, B]; each order shuffles the data by itself.
+    """Endless index batches, shuffled anew in every epoch.
+
+    Networks that are trained in parallel each have a data stream of their own: the same data in
+    another order.
 
     Args:
         size: number of trajectories N.
-        batch_size: B, at most N.
-        seeds: one for each order.
-        single: one order without its axis: [B].
-        folds: order m leaves out every trajectory i with i mod `orders` = m.
+        batch_size: B, at most the length of an epoch.
+        seeds: one for each data stream.
+        one_stream: batches are [B] and not [streams, B]. There must be one seed.
+        cross_fit: stream m leaves out its fold, every trajectory i with i mod `len(seeds)` = m.
     """
 
     def __init__(
-        self, size: int, batch_size: int, seeds: list[int], single: bool, folds: bool = False
+        self,
+        size: int,
+        batch_size: int,
+        seeds: list[int],
+        one_stream: bool,
+        cross_fit: bool = False,
     ) -> None:
-        self.length = size - folds * -(-size // len(seeds))  # of an order
-        self.size, self.batch_size = size, min(batch_size, self.length)
-        self.seeds, self.single, self.folds = seeds, single, folds
+        largest_fold = -(-size // len(seeds))
+        self.epoch_length = size - largest_fold if cross_fit else size
+        self.size, self.batch_size = size, min(batch_size, self.epoch_length)
+        self.seeds, self.one_stream, self.cross_fit = seeds, one_stream, cross_fit
 
     def __iter__(self) -> Iterator[Tensor]:
         generators = [torch.Generator().manual_seed(seed) for seed in self.seeds]
+        length, size = self.epoch_length, self.batch_size
         while True:
-            shuffled = [torch.randperm(self.size, generator=g) for g in generators]
-            if self.folds:
-                shuffled = [order[order % len(shuffled) != m] for m, order in enumerate(shuffled)]
-            orders = torch.stack([order[: self.length] for order in shuffled])
-            for start in range(0, self.length - self.batch_size + 1, self.batch_size):
-                batch = orders[:, start : start + self.batch_size]
-                yield batch[0] if self.single else batch
+            orders = [torch.randperm(self.size, generator=g) for g in generators]
+            if self.cross_fit:
+                orders = [order[order % len(orders) != m] for m, order in enumerate(orders)]
+            epoch = torch.stack([order[:length] for order in orders])
+            for start in range(0, length - size + 1, size):
+                batch = epoch[:, start : start + size]
+                yield batch[0] if self.one_stream else batch
 
 
 class TrajectoryDataModule(L.LightningDataModule):
     """Batches for one model.
 
     A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, where given,
-    ``members`` [B, M, T, D], the ensemble's forecasts, in standard units; [M, B, …] with an order
-    for each of several networks that are trained side by side. The one validation batch holds
-    ``s0`` [V, D], ``actions`` [V, T, A] and ``observed`` [V, L, T, D], in SI units: what a
-    forecaster is given, and what its forecasts are scored against.
+    ``members`` [B, M, T, D], the ensemble's forecasts; all are normalized. With data streams for
+    networks that are trained in parallel, each tensor has a leading axis of streams.
+
+    The one validation batch holds ``s0`` [V, D], ``actions`` [V, T, A] and ``observed``
+    [V, L, T, D] in SI units: the inputs of a forecaster, and the rollouts that score its forecasts.
 
     Args:
-        normalization: standard units.
-        training: trajectories to learn from.
-        validation: scenarios to score forecasts on, none of them in `training`.
+        normalization: of states and actions.
+        training: trajectories for training.
+        validation: scenarios for validation, disjoint from `training`.
         batch_size: B.
         seed: of the order of the data.
-        orders: number of independent orders; None is one, without its axis.
-        members: [N, M, T, D] in SI units.
-        folds: each order leaves out its own share of the trajectories.
+        data_streams: number of data streams; None for one, without its axis.
+        members: the ensemble's forecasts [N, M, T, D] of the training trajectories in SI units.
+        cross_fit: each data stream leaves out its fold.
     """
 
     def __init__(
@@ -86,9 +97,9 @@ class TrajectoryDataModule(L.LightningDataModule):
         validation: ScenarioSet,
         batch_size: int,
         seed: int,
-        orders: int | None = None,
+        data_streams: int | None = None,
         members: Floats | None = None,
-        folds: bool = False,
+        cross_fit: bool = False,
     ) -> None:
         super().__init__()
         tensors = {
@@ -105,15 +116,15 @@ class TrajectoryDataModule(L.LightningDataModule):
                 "observed": torch.from_numpy(validation.observed),
             }
         )
-        seeds = [int(s % np.uint64(2**63)) for s in spawn(seed, orders or 1)]
-        single = orders is None
-        self.sampler = ShuffledBatches(len(training), batch_size, seeds, single, folds)
+        seeds = [int(s % np.uint64(2**63)) for s in spawn(seed, data_streams or 1)]
+        one_stream = data_streams is None
+        self.sampler = ShuffledBatches(len(training), batch_size, seeds, one_stream, cross_fit)
 
     def train_dataloader(self) -> DataLoader[Batch]:
-        """Endless: training ends by its number of steps, or early."""
+        """Endless batches: the trainer stops after its number of steps, or early."""
         return DataLoader(self.training, sampler=self.sampler, batch_size=None)
 
     def val_dataloader(self) -> DataLoader[Batch]:
-        """One batch: all validation scenarios."""
+        """One batch of all validation scenarios."""
         everything = [torch.arange(len(self.validation))]
         return DataLoader(self.validation, sampler=everything, batch_size=None)

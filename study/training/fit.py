@@ -1,7 +1,8 @@
-"""How every network of the study is fitted: one Lightning Trainer, one way to stop, one log."""
+"""How every network of the study is fitted: one Lightning Trainer, early stopping, one CSV log."""
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +12,49 @@ import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, Logger
 
-from study.common.arrays import Doubles, Floats
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
-from study.metrics.mmd import mmd
+from study.config.settings import Train
 from study.models import Model
-from study.models.base import LOG_EVERY, ValidationScore
+from study.models.base import LOG_EVERY
 from study.training.data_module import TrajectoryDataModule
 
-# Steps of the horizon that a look at the validation data scores, at most: those between them tell
-# hardly more, since neighbouring steps fare alike.
-SCORED_STEPS = 30
 
+@dataclass(frozen=True)
+class FitOptions:
+    """How long a model is trained.
 
-def validation_score(scale: Doubles, bandwidth: Doubles) -> ValidationScore:
-    """Unbiased MMD² of forecasts [V, K, T, D] against observed [V, L, T, D], averaged.
-
-    The same measure as on the test set, on scenarios of its own and at every few steps: what is
-    tuned and stopped on is what is reported.
+    Attributes:
+        seed: of sampling during training.
+        steps: optimiser steps at most.
+        validate_every: steps between two evaluations on the validation data.
+        patience: evaluations without improvement before training stops, and the best weights are
+            kept. None trains to the end and keeps the last weights.
+        clip: largest norm of the gradient; None does not clip.
+        accelerator: Lightning's.
     """
 
-    def score(forecasts: Floats, observed: Floats) -> float:
-        horizon = forecasts.shape[2]
-        every = -(-horizon // SCORED_STEPS)
-        steps = slice((horizon - 1) % every, None, every)  # the last step, and back from it
-        # Every scenario and step is compared by itself, so all may stand as steps of one scenario.
-        x, y = (
-            np.moveaxis(each[:, :, steps], 0, 1).reshape(1, each.shape[1], -1, each.shape[-1])
-            for each in (forecasts, observed)
+    seed: int
+    steps: int
+    validate_every: int
+    patience: int | None
+    clip: float | None = 1.0
+    accelerator: str = "auto"
+
+    @classmethod
+    def from_settings(cls, train: Train, seed: int) -> "FitOptions":
+        """The options of the section `train`."""
+        return cls(
+            seed,
+            train.steps,
+            train.validate_every,
+            train.patience,
+            accelerator=train.accelerator,
         )
-        return float(mmd(x, y, scale, bandwidth).squared.mean())
-
-    return score
 
 
-class Told(Callback):
-    """Tells the stage's progress."""
+class ReportProgress(Callback):
+    """Reports the share of optimiser steps that are done."""
 
     def __init__(self, progress: Progress, steps: int) -> None:
         self.progress, self.steps = progress, steps
@@ -61,47 +69,57 @@ def fit(
     data: TrajectoryDataModule,
     out: Path,
     progress: Progress,
-    *,
-    seed: int,
-    steps: int,
-    validate_every: int,
-    patience: int | None,
-    clip: float | None = 1.0,
-    accelerator: str = "auto",
+    options: FitOptions,
     loggers: Sequence[Logger] = (),
     callbacks: Sequence[Callback] = (),
 ) -> float:
-    """Fit `model` and leave it with the weights of its best validation score, which is returned.
+    """Fit `model`, and leave it with the weights that `FitOptions.patience` asks for.
 
-    ``metrics.csv`` in `out` holds the curves. With `patience` None training runs to its end and the
-    last weights are kept.
+    Args:
+        model: a new model. Some callback, or the model itself, logs ``validation_score``.
+        data: training and validation batches.
+        out: folder for ``metrics.csv``, the training curves.
+        progress: called with the fraction done.
+        options: how long to train.
+        loggers: besides the CSV file.
+        callbacks: of Lightning.
+
+    Returns:
+        the validation score of the weights; NaN if there was no validation.
     """
-    L.seed_everything(torch_seed(seed), verbose=False)
-    kept = out / "checkpoint"
-    shutil.rmtree(kept, ignore_errors=True)
-    best = ModelCheckpoint(kept, monitor="validation_score", save_weights_only=True)
-    stop = EarlyStopping("validation_score", patience=patience or steps, check_finite=True)
-    curves = CSVLogger(out, name="", version="", flush_logs_every_n_steps=10**9)
+    L.seed_everything(torch_seed(options.seed), verbose=False)
+    model.on_training_data(data.training.tensors["states"])
+    checkpoints = out / "checkpoint"
+    shutil.rmtree(checkpoints, ignore_errors=True)
+    best = ModelCheckpoint(checkpoints, monitor="validation_score", save_weights_only=True)
+    patience = options.patience or options.steps
+    stop = EarlyStopping("validation_score", patience=patience, check_finite=True)
     trainer = L.Trainer(
-        accelerator=accelerator,
+        accelerator=options.accelerator,
         devices=1,
-        max_steps=steps,
-        val_check_interval=min(validate_every, steps),
+        max_steps=options.steps,
+        val_check_interval=min(options.validate_every, options.steps),
         check_val_every_n_epoch=None,
         num_sanity_val_steps=0,
-        gradient_clip_val=clip,
+        gradient_clip_val=options.clip,
         log_every_n_steps=LOG_EVERY,
-        logger=[curves, *loggers],
-        callbacks=[stop, Told(progress, steps), *callbacks, *([best] if patience else [])],
-        enable_checkpointing=patience is not None,
+        logger=[CSVLogger(out, name="", version="", flush_logs_every_n_steps=10**9), *loggers],
+        callbacks=[
+            stop,
+            ReportProgress(progress, options.steps),
+            *callbacks,
+            *([best] if options.patience else []),
+        ],
+        enable_checkpointing=options.patience is not None,
         enable_progress_bar=False,
         enable_model_summary=False,
     )
     trainer.fit(model, data)
-    if patience and best.best_model_path:
+    if options.patience and best.best_model_path:
         model.load_state_dict(torch.load(best.best_model_path, map_location="cpu")["state_dict"])
-    shutil.rmtree(kept, ignore_errors=True)
+    shutil.rmtree(checkpoints, ignore_errors=True)
     (out / "hparams.yaml").unlink(missing_ok=True)
     model.eval()
-    score = best.best_model_score if patience else trainer.callback_metrics["validation_score"]
+    logged = trainer.callback_metrics
+    score = best.best_model_score if options.patience else logged["validation_score"]
     return float(np.nan) if score is None else float(score)

@@ -1,69 +1,111 @@
 """What a fit starts from: the cell's training data, its ensemble, and a new model."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from study.common.arrays import Floats
 from study.common.seeds import derive, torch_seed
+from study.config.convert import from_json
+from study.config.settings import Train
+from study.config.stage_settings import TrainingSet, TrainSettings
 from study.data.kernel import Kernel
 from study.data.normalization import Normalization
 from study.data.storage import load_arrays
 from study.data.trajectories import ScenarioSet, Trajectories
 from study.models import Model, models
 from study.models.checkpoints import build, load_model
-from study.models.rnn_ensemble import Ensemble
+from study.models.rnn_ensemble import RnnEnsemble
 from study.training.data_module import TrajectoryDataModule
-from study.training.fit import validation_score
+from study.training.validation import ForecastScore
+
+VALIDATION_SAMPLES = 16
+"""Forecasts of each validation scenario during training."""
+
+
+@dataclass(frozen=True)
+class FitInputs:
+    """A new model and what it is fitted with.
+
+    Attributes:
+        model: with initial weights.
+        data: its batches.
+        train: the training options.
+        score: its validation score.
+    """
+
+    model: Model
+    data: TrajectoryDataModule
+    train: Train
+    score: ForecastScore
+
+
+def prepare(
+    settings: TrainSettings,
+    inputs: Mapping[str, Path],
+    beta: float | None,
+    samples: int = VALIDATION_SAMPLES,
+    scenarios: int | None = None,
+) -> FitInputs:
+    """Build a new model and its data.
+
+    Args:
+        settings: of the fit.
+        inputs: folders ``data`` and, for a model that uses the ensemble, ``ensemble``.
+        beta: β of equation (12); None for a model without one.
+        samples: forecasts of each validation scenario.
+        scenarios: validation scenarios; None takes all.
+    """
+    training, validation, normalization = training_data(settings.training, inputs["data"])
+    model_class = models[settings.model]
+    model_settings = from_json(model_class.settings_class, settings.model_settings)
+    ensemble = members = None
+    if model_class.uses_ensemble:
+        ensemble, members = load_ensemble(inputs["ensemble"]), load_members(inputs["ensemble"])
+    torch.manual_seed(torch_seed(settings.seed))
+    model = build(settings.model, normalization, model_settings, beta, ensemble)
+    data = TrajectoryDataModule(
+        normalization,
+        training,
+        validation[:scenarios],
+        model_settings.train.batch_size,
+        derive(settings.seed, "order"),
+        data_streams=model.data_streams,
+        members=members,
+    )
+    kernel, seed = Kernel.load(inputs["data"]), derive(settings.seed, "validation")
+    return FitInputs(model, data, model_settings.train, ForecastScore(kernel, samples, seed))
 
 
 def training_data(
-    settings: dict[str, Any], folder: Path
+    chosen: TrainingSet, folder: Path
 ) -> tuple[Trajectories, ScenarioSet, Normalization]:
-    """The cell's share of the training trajectories, the validation scenarios, standard units."""
-    first, count = settings["first"], settings["trajectories"]
-    training = Trajectories.load(folder / "train.safetensors")[first : first + count]
+    """The chosen training trajectories, the validation scenarios, and the normalization.
+
+    Args:
+        chosen: a range of the training trajectories.
+        folder: of the stage collect.
+    """
+    first, end = chosen.first, chosen.first + chosen.trajectories
+    training = Trajectories.load(folder / "train.safetensors")[first:end]
     validation = ScenarioSet.load(folder / "validation.safetensors")
     return training, validation, Normalization.of(training)
 
 
-def prepare(
-    settings: dict[str, Any],
-    inputs: dict[str, Path],
-    beta: float | None,
-    validation: int | None = None,
-) -> tuple[Model, TrajectoryDataModule]:
-    """A new model and its data, `validation` scenarios (all if None) among them."""
-    training, scenarios, normalization = training_data(settings, inputs["data"])
-    ensemble = members = None
-    if models[settings["model"]].uses_ensemble:
-        ensemble, members = load_ensemble(inputs["ensemble"]), load_members(inputs["ensemble"])
-    torch.manual_seed(torch_seed(settings["seed"]))
-    model = build(settings["model"], normalization, settings["sections"], beta, ensemble)
-    kernel = Kernel.load(inputs["data"])
-    model.validation_score = validation_score(kernel.scale, kernel.bandwidth)
-    model.validation_seed = derive(settings["seed"], "validation")
-    data = TrajectoryDataModule(
-        normalization,
-        training,
-        scenarios[:validation],
-        settings["sections"]["train"]["batch_size"],
-        derive(settings["seed"], "order"),
-        orders=model.orders,
-        members=members,
-    )
-    return model, data
-
-
-def load_ensemble(folder: Path) -> Ensemble:
-    """The fitted ensemble that `run` wrote."""
+def load_ensemble(folder: Path) -> RnnEnsemble:
+    """The fitted ensemble in the folder of the stage ensemble."""
     model = load_model(folder / "ensemble.safetensors")
-    assert isinstance(model, Ensemble)
+    assert isinstance(model, RnnEnsemble)
     return model
 
 
 def load_members(folder: Path) -> Floats:
-    """The members' forecasts of the training trajectories [N, M, T, D] that `run` wrote."""
+    """The members' forecasts [N, M, T, D] of the training trajectories, in SI units.
+
+    Args:
+        folder: of the stage ensemble.
+    """
     arrays, _ = load_arrays(folder / "members.safetensors")
     return arrays["members"]

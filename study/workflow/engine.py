@@ -1,7 +1,7 @@
-"""Where stages run: in this process, or side by side on worker processes of Dask.
+"""Where stages run: in this process, or in parallel in worker processes of Dask.
 
-Both are an ordinary `concurrent.futures.Executor`, so that the scheduler knows nothing of them. A
-task's numbers depend on neither: every stage runs on the same number of threads.
+Both are a `concurrent.futures.Executor`, and the scheduler knows nothing else about them. Numbers
+do not depend on the choice: a stage uses `engine.threads` threads in either.
 """
 
 import os
@@ -15,8 +15,8 @@ from study.config.settings import Engine
 
 T = TypeVar("T")
 
-# Worker processes begin with these: a stage's arithmetic keeps to its share of the cores, and
-# freed memory is kept for the next batch rather than given back page by page.
+# Environment of the worker processes. Freed memory is kept for the next batch instead of being
+# returned page by page, which glibc's malloc does by default.
 MEMORY = {
     "MALLOC_MMAP_MAX_": "0",
     "MALLOC_TRIM_THRESHOLD_": "8589934592",
@@ -25,10 +25,10 @@ MEMORY = {
 
 
 class SerialExecutor(Executor):
-    """Runs each call at once, in this process."""
+    """Runs each call immediately, in this process."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """The call's result or exception, already there."""
+        """A completed future with the result or the exception of the call."""
         future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -38,20 +38,27 @@ class SerialExecutor(Executor):
 
 
 def workers(engine: Engine) -> int:
-    """How many tasks run side by side."""
+    """How many tasks run in parallel."""
     if engine.kind == "serial":
         return 1
-    return engine.workers or max(1, len(os.sched_getaffinity(0)) // engine.threads)
+    return engine.workers or max(1, cores() // engine.threads)
+
+
+def cores() -> int:
+    """CPU cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # Linux: containers and `taskset` restrict it
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def quiet_rerun() -> None:
-    """Rerun writes its own log to the terminal; of what is meant to be so, it need not warn."""
+    """Keep Rerun's own warnings off the terminal."""
     os.environ.setdefault("RUST_LOG", "error")
 
 
 @contextmanager
 def executor(engine: Engine) -> Iterator[Executor]:
-    """Start the engine, and stop it afterwards."""
+    """Start the engine; stop it on exit."""
     quiet_rerun()
     if engine.kind == "serial":
         yield SerialExecutor()
@@ -59,10 +66,10 @@ def executor(engine: Engine) -> Iterator[Executor]:
     import dask
     from distributed import Client, LocalCluster, WorkerPlugin
 
-    class Deaf(WorkerPlugin):
-        """Ctrl-C reaches every process of the terminal; this one alone decides what it means."""
+    class IgnoreInterrupts(WorkerPlugin):
+        """Ctrl-C reaches every process of the terminal. Only the main process handles it."""
 
-        name = "deaf"
+        name = "ignore-interrupts"
 
         def setup(self, worker: Any) -> None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -71,7 +78,7 @@ def executor(engine: Engine) -> Iterator[Executor]:
     settings = {
         "distributed.worker.daemon": False,
         "distributed.nanny.pre-spawn-environ": MEMORY | threads,
-        # A stage computes for minutes without letting go of the interpreter.
+        # A stage may hold the interpreter lock for minutes.
         "distributed.scheduler.worker-ttl": "1 hour",
         "distributed.scheduler.allowed-failures": 0,
         "distributed.worker.memory.terminate": False,
@@ -84,16 +91,16 @@ def executor(engine: Engine) -> Iterator[Executor]:
             n_workers=workers(engine),
             threads_per_worker=1,
             processes=True,
-            # Any free port: with none, Dask takes one and the same, and a second study complains.
+            # Port 0 is any free port. The default port would be taken by a second study.
             dashboard_address="127.0.0.1:0",
             memory_limit=0,
             silence_logs="CRITICAL",
         ) as cluster,
         Client(cluster) as client,
     ):
-        client.register_plugin(Deaf())
+        client.register_plugin(IgnoreInterrupts())
         pool = client.get_executor(pure=False, retries=0)
         try:
             yield pool
-        finally:  # whatever still runs is of no use now
+        finally:  # results of running tasks are no longer needed
             pool.shutdown(wait=False)

@@ -1,4 +1,4 @@
-"""One run at a time on one results folder; a second one learns who has it."""
+"""One run at a time on a results folder. A second run is told who holds the folder."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from study.common.errors import BadInput
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold `folder`. The lock goes with the process, however it ends.
+    """Lock `folder`. The operating system releases the lock when the process ends, however it ends.
 
     Raises:
         BadInput: another run holds it.
@@ -47,7 +47,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Whether a run holds the folder now."""
+    """Whether a run holds the folder."""
     if not (folder / ".lock").exists():
         return False
     try:

@@ -1,4 +1,4 @@
-"""What a piece of work costs this process: wall time, CPU time, peak memory."""
+"""What a task costs: wall time, CPU time and peak memory of this process."""
 
 import ctypes
 import os
@@ -11,20 +11,20 @@ STATUS, CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Meter:
-    """Measures from its making on; one at a time in a process."""
+    """Measures from its creation on. A process has one at a time."""
 
     def __init__(self) -> None:
-        _give_back()
-        self._peak = _forget_peak()
+        _trim_memory()
+        self._peak = _reset_peak()
         self._wall, self._cpu = time.perf_counter(), _cpu()
 
     def read(self) -> dict[str, float]:
-        """What it took so far.
+        """The cost so far.
 
         Returns:
-            ``seconds`` of wall time; ``cpu_seconds`` of all threads of this process, and of
-            processes that it started and that have ended; and ``peak_memory``, the most bytes that
-            this process itself held at once, its libraries included, where the system can tell.
+            ``seconds``, wall time; ``cpu_seconds``, of all threads of this process and of its child
+            processes that have ended; ``peak_memory`` in bytes, the largest resident set of this
+            process, libraries included, where the system reports it.
         """
         used = {"seconds": time.perf_counter() - self._wall, "cpu_seconds": _cpu() - self._cpu}
         peak = _peak() if self._peak else None
@@ -36,18 +36,18 @@ def _cpu() -> float:
     return time.process_time() + ended.children_user + ended.children_system
 
 
-def _give_back() -> None:
-    """Return what earlier work has freed: the allocator may keep it, and it is not this work's."""
+def _trim_memory() -> None:
+    """Return freed memory to the system, so that it does not count for the next task."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):  # another C library
             ctypes.CDLL(None).malloc_trim(0)
 
 
-def _forget_peak() -> bool:
-    """Begin to look for the peak anew. Only Linux can; elsewhere it is that of the whole process.
+def _reset_peak() -> bool:
+    """Reset the peak of resident memory. Only Linux can.
 
     Returns:
-        whether it could.
+        whether it was reset.
     """
     try:
         CLEAR.write_text("5")
@@ -57,7 +57,7 @@ def _forget_peak() -> bool:
 
 
 def _peak() -> int | None:
-    """The most bytes that this process held since `_forget_peak`."""
+    """The peak of resident memory in bytes since `_reset_peak`; None if unknown."""
     try:
         lines = STATUS.read_text(encoding="utf-8").splitlines()
         (kibibytes,) = (line.split()[1] for line in lines if line.startswith("VmHWM:"))

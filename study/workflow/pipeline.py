@@ -3,39 +3,50 @@
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
        └─► record_data ────────────────────────────────────►┘
 
-A task depends on the settings that it is given here and on the tasks before it, and on nothing
-else; what several cells share (data, an ensemble) is one task.
+A task depends on the settings that it is given here and on its input tasks, and on nothing else.
+What several cells share (data, an ensemble) is one task. This module alone of the room asks the
+registries of environments and models.
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, fields, replace
 from typing import Any
 
-from study.common.errors import BadInput
 from study.common.seeds import derive
 from study.config.grid import Cell
 from study.config.settings import Config
+from study.config.stage_settings import (
+    CollectSettings,
+    EnsembleSettings,
+    EvaluateSettings,
+    RecordDataSettings,
+    RecordSettings,
+    TrainingSet,
+    TrainSettings,
+    TuneSettings,
+    ValidateSettings,
+)
 from study.envs import simulators
 from study.models import models
-from study.workflow.store import Task
+from study.workflow.task import Task
 
-# Raise a stage's number whenever its code changes what it writes.
 STAGE_VERSIONS = {
-    "collect": 3,
-    "ensemble": 2,
-    "tune": 2,
-    "train": 2,
-    "validate": 1,
-    "evaluate": 2,
-    "record": 7,
-    "record_data": 4,
+    "collect": 4,
+    "ensemble": 3,
+    "tune": 3,
+    "train": 3,
+    "validate": 2,
+    "evaluate": 3,
+    "record": 8,
+    "record_data": 5,
 }
+"""Raise a stage's number whenever its code changes what it writes."""
 
 
 class Pipeline:
     """The tasks of a study.
 
     Raises:
-        BadInput: an environment or a model is unknown, or a model names no section `train`.
+        BadInput: an environment or a model of the grid is unknown.
     """
 
     def __init__(self, config: Config) -> None:
@@ -43,30 +54,25 @@ class Pipeline:
         for environment in config.grid.environments:
             simulators[environment]
         for model in config.grid.models:
-            if "train" not in models[model].sections:
-                raise BadInput(f"model {model}: its `sections` need 'train', how it is fitted")
+            models[model]
 
     def collect(self, environment: str) -> Task:
         """The data of one environment, shared by all its cells."""
-        settings = {
-            "environment": environment,
-            "environment_version": simulators[environment].version,
-            "collect": asdict(self.config.collect),
-        }
+        version = simulators[environment].version
+        settings = CollectSettings(environment, version, self.config.collect)
         return self._task("collect", environment, settings)
 
     def ensemble(self, cell: Cell) -> Task:
-        """The M networks of one environment, level and seed."""
+        """The M recurrent networks of one environment, level and seed."""
         label = f"{cell.environment}/{cell.level}/seed-{cell.seed}"
-        settings = self._training_set(cell) | {
-            "seed": derive(label, "ensemble"),
-            "ensemble": asdict(self.config.ensemble),
-        }
+        settings = EnsembleSettings(
+            self._training_set(cell), derive(label, "ensemble"), self.config.ensemble
+        )
         return self._task("ensemble", label, settings, data=self.collect(cell.environment))
 
     def tune(self, cell: Cell) -> Task:
         """The search for β of one cell."""
-        settings = self._model(cell, "tune") | {"tune": asdict(self.config.tune)}
+        settings = TuneSettings(self._fit(cell, "tune"), self.config.tune)
         return self._task("tune", cell.name, settings, **self._sources(cell))
 
     def train(self, cell: Cell) -> Task:
@@ -74,46 +80,46 @@ class Pipeline:
         inputs = self._sources(cell)
         if models[cell.model].tunes_beta:
             inputs["tuning"] = self.tune(cell)
-        return self._task("train", cell.name, self._model(cell, "train"), **inputs)
+        return self._task("train", cell.name, self._fit(cell, "train"), **inputs)
 
     def validate(self, cell: Cell) -> Task:
         """Scores of one cell's model on validation scenarios, for `ablate`."""
-        settings = {
-            "environment": cell.environment,
-            "environment_version": simulators[cell.environment].version,
-            "seed": derive(cell.environment, cell.seed, "validation forecasts"),
-            "samples": self.config.evaluate.samples,
-        }
+        settings = ValidateSettings(
+            cell.environment,
+            simulators[cell.environment].version,
+            derive(cell.environment, cell.seed, "validation forecasts"),
+            self.config.evaluate.samples,
+        )
         inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
         return self._task("validate", cell.name, settings, **inputs)
 
     def evaluate(self, cell: Cell) -> Task:
-        """Forecasts of the test scenarios and their scores."""
-        settings = {
-            "environment": cell.environment,
-            "environment_version": simulators[cell.environment].version,
-            "model": cell.model,
-            # The oracle is the same at both levels; its folder is then the same, too.
-            "seed": derive(cell.environment, cell.model, cell.seed, "forecasts"),
-            "evaluate": asdict(self.config.evaluate),
-        }
+        """Forecasts of the test scenarios and their scores.
+
+        Neither label nor seed of the oracle name a level, so both levels share its task.
+        """
+        settings = EvaluateSettings(
+            cell.environment,
+            simulators[cell.environment].version,
+            cell.model,
+            derive(cell.environment, cell.model, cell.seed, "forecasts"),
+            self.config.evaluate,
+        )
         inputs = {"data": self.collect(cell.environment)}
         if cell.model == "ensemble":
             inputs["ensemble"] = self.ensemble(cell)
         elif not cell.is_reference:
             inputs["trained"] = self.train(cell)
-            if models[cell.model].uses_ensemble:
-                inputs["ensemble"] = self.ensemble(cell)
         label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
         return self._task("evaluate", label, settings, **inputs)
 
     def record_data(self, environment: str) -> Task:
         """The Rerun recording of one environment's training data."""
-        settings = {"environment": environment}
+        settings = RecordDataSettings(environment)
         return self._task("record_data", environment, settings, data=self.collect(environment))
 
     def record(self, cell: Cell) -> Task:
-        """The cell's Rerun recordings; those of its data are published with them."""
+        """The cell's Rerun recordings. The recording of its data is published with them."""
         inputs = {
             "data": self.collect(cell.environment),
             "data_recording": self.record_data(cell.environment),
@@ -125,27 +131,27 @@ class Pipeline:
             inputs["trained"] = self.train(cell)
             if models[cell.model].tunes_beta:
                 inputs["tuning"] = self.tune(cell)
-        return self._task("record", cell.name, asdict(cell), **inputs)
+        settings = RecordSettings(cell.environment, cell.level, cell.model, cell.seed)
+        return self._task("record", cell.name, settings, **inputs)
 
-    def _training_set(self, cell: Cell) -> dict[str, Any]:
-        """Which trajectories: all, or (level high) the seed's own tenth of them."""
+    def _training_set(self, cell: Cell) -> TrainingSet:
+        """All trajectories, or at level high the seed's own tenth of them."""
         collect = self.config.collect
         if cell.level == "low":
-            return {"first": 0, "trajectories": collect.trajectories}
+            return TrainingSet(0, collect.trajectories)
         count = collect.trajectories // collect.reduction
-        return {"first": cell.seed % collect.reduction * count, "trajectories": count}
+        return TrainingSet(cell.seed % collect.reduction * count, count)
 
-    def _model(self, cell: Cell, purpose: str) -> dict[str, Any]:
+    def _fit(self, cell: Cell, purpose: str) -> TrainSettings:
+        """The fit of the cell's model, with the training options that hold for the model."""
         model = models[cell.model]
-        config = asdict(self.config)
-        sections = {name: config[name] for name in model.sections}
-        sections["train"] = model.budget(sections)
-        return self._training_set(cell) | {
-            "model": cell.model,
-            "model_version": model.version,
-            "seed": derive(cell.name, purpose),
-            "sections": sections,
-        }
+        sections = {entry.name for entry in fields(model.settings_class)}
+        settings = model.settings_class(**{name: getattr(self.config, name) for name in sections})
+        settings = replace(settings, train=model.training_options(settings))
+        seed = derive(cell.name, purpose)
+        return TrainSettings(
+            self._training_set(cell), cell.model, model.version, asdict(settings), seed
+        )
 
     def _sources(self, cell: Cell) -> dict[str, Task]:
         sources = {"data": self.collect(cell.environment)}
@@ -153,6 +159,6 @@ class Pipeline:
             sources["ensemble"] = self.ensemble(cell)
         return sources
 
-    def _task(self, stage: str, label: str, settings: dict[str, Any], **inputs: Task) -> Task:
-        settings = settings | {"stage_version": STAGE_VERSIONS[stage]}
-        return Task(stage, label, settings, inputs, self.config.plugins)
+    def _task(self, stage: str, label: str, settings: Any, **inputs: Task) -> Task:
+        version, plugins = STAGE_VERSIONS[stage], self.config.plugins
+        return Task(stage, label, asdict(settings), inputs, version, plugins)

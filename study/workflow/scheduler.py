@@ -1,14 +1,15 @@
-"""Run the tasks that are not up to date, each after what it reads, as many at a time as fit.
+"""Run tasks, each after its inputs, as many at a time as there are workers.
 
-Of the tasks that could start, the one with the most stages still behind it does: at the end, when
-fewer tasks than workers are left, these are short chains and not a whole cell.
+Of the tasks that are ready, the one with the longest chain of tasks behind it starts first (list
+scheduling by critical path). Near the end, short chains are left, and the workers stay busy.
 """
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 
 from study.common.files import write_text
-from study.workflow.store import Store, Task
+from study.workflow.store import Store
+from study.workflow.task import Task
 from study.workflow.worker import Outcome, execute
 
 
@@ -21,12 +22,19 @@ def run_tasks(
     started: Callable[[Task], None],
     ended: Callable[[Outcome], None],
 ) -> dict[Task, str]:
-    """Run `tasks`, given in an order in which each stands after what it reads.
+    """Run tasks. A task whose input failed is not run; the others are.
 
-    A task whose input failed is not run; the others are.
+    Args:
+        tasks: in an order in which every task comes after its inputs.
+        store: their folders.
+        executor: runs them.
+        workers: how many run at a time.
+        threads: CPU threads of each.
+        started: called with a task when it starts.
+        ended: called with its outcome when it ends.
 
     Returns:
-        the error, in one line, of every task that failed or could not be run.
+        the error, in one line, of every task that failed or was not run.
     """
     waiting = longest_first(list(tasks))
     errors: dict[Task, str] = {}
@@ -57,19 +65,21 @@ def run_tasks(
 
 
 def longest_first(tasks: list[Task]) -> list[Task]:
-    """`tasks` by how many more are on the longest way from each to the end; ties as they were.
+    """Tasks by the length of the longest chain of tasks that follows each, longest first.
 
-    Still each after what it reads, as they have to be given.
+    Args:
+        tasks: in an order in which every task comes after its inputs. The result is in such an
+            order, too; ties keep their order.
     """
-    behind = dict.fromkeys(tasks, 0)
+    length = dict.fromkeys(tasks, 0)
     for task in reversed(tasks):
         for source in task.inputs.values():
-            behind[source] = max(behind.get(source, 0), behind[task] + 1)
-    return sorted(tasks, key=behind.__getitem__, reverse=True)
+            length[source] = max(length.get(source, 0), length[task] + 1)
+    return sorted(tasks, key=length.__getitem__, reverse=True)
 
 
 def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
-    """The task's own outcome, or what became of the process that ran it."""
+    """The task's outcome; if its process died, a failure that says so."""
     try:
         return future.result()
     except Exception as error:

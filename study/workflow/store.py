@@ -1,73 +1,36 @@
-"""Content-addressed folders: what a stage made, named by what it was made from.
+"""Content-addressed folders: what a stage wrote, named by what it was made from.
 
-A task's key is a hash of its settings and of its inputs' keys, so a changed setting names another
-folder, and whatever does not depend on it keeps its own. A folder appears under its name only when
-it is complete (it is renamed into place), and its manifest holds the SHA-256 of every file.
+A task's key is a hash of its settings and of the keys of its inputs. A changed setting therefore
+names another folder, and folders of tasks that do not depend on the setting stay valid. A folder
+gets its name only when it is complete: it is renamed into place. Its manifest holds the SHA-256 of
+every file.
 """
 
 import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from study.common.files import digest, read_json, sha256, write_json
+from study.common.files import read_json, sha256, write_json
+from study.common.provenance import MANIFEST
+from study.workflow.task import Task
 
-MANIFEST = "manifest.json"
-# Wall time and the like differ from run to run: they stay out of the manifest.
 TIMING = "timing.json"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One run of one stage: all that it depends on.
-
-    Attributes:
-        stage: name of the stage.
-        label: what it is for, to a reader: `pusher`, `pusher/low/seed-0`, a cell's name.
-        settings: JSON; the stage sees these and nothing else of the configuration.
-        inputs: earlier tasks, by the name under which the stage asks for their folder.
-        plugins: modules to import first. They are no part of the key.
-    """
-
-    stage: str
-    label: str
-    settings: Mapping[str, Any]
-    inputs: Mapping[str, "Task"] = field(default_factory=dict)
-    plugins: tuple[str, ...] = ()
-
-    @cached_property
-    def key(self) -> str:
-        """Hash of the settings and of the inputs' keys."""
-        inputs = {name: task.key for name, task in self.inputs.items()}
-        return digest([self.stage, dict(self.settings), inputs])
-
-    @property
-    def name(self) -> str:
-        """`train pusher/low/full_vae/seed-0`."""
-        return f"{self.stage} {self.label}"
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Task) and self.key == other.key
+"""Wall time and the like. They differ from run to run, so they are not in the manifest."""
 
 
 class Store:
-    """The folders of all tasks, under `root`."""
+    """The folders of all tasks, under the folder `root`."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
 
     def folder(self, task: Task) -> Path:
-        """Where the task's outputs are, or will be."""
+        """The folder of the task's complete output."""
         return self.root / task.stage / task.key[:16]
 
     def partial(self, task: Task) -> Path:
-        """Where they are while it runs."""
+        """The folder into which the task writes while it runs."""
         return self.root / task.stage / f".{task.key[:16]}.partial"
 
     def log(self, task: Task) -> Path:
@@ -75,22 +38,22 @@ class Store:
         return self.root / "logs" / f"{task.stage}-{task.key[:16]}.log"
 
     def progress(self, task: Task) -> Path:
-        """Where the task tells how far it is, while it runs."""
+        """The file in which a running task reports its progress."""
         return self.log(task).with_suffix(".progress")
 
     def forget_progress(self) -> None:
-        """Remove what killed tasks told."""
+        """Remove the progress files that killed tasks left."""
         for path in (self.root / "logs").glob("*.progress"):
             path.unlink(missing_ok=True)
 
     def failure(self, task: Task) -> Path:
-        """One line: why the task's last run failed. Not there if it did not."""
+        """The file with the error of the task's last run, in one line; missing if it succeeded."""
         return self.log(task).with_suffix(".error")
 
     def begin(self, task: Task, resumable: bool) -> Path:
-        """An empty folder to write into; what a stopped run left there stays if `resumable`.
+        """The folder to write into: empty, or, if `resumable`, with the files of a stopped run.
 
-        What a failed run left is never built upon: it may be what it failed of.
+        The files of a failed run are always removed, since they may have caused the failure.
         """
         out = self.partial(task)
         if out.exists() and (not resumable or self.failure(task).exists()):
@@ -100,7 +63,7 @@ class Store:
         return out
 
     def finish(self, task: Task, timing: dict[str, Any]) -> None:
-        """Complete the folder: checksums, manifest, and its name."""
+        """Complete the folder: write checksums and manifest, and rename it into place."""
         out = self.partial(task)
         files = {
             str(path.relative_to(out)): sha256(path)
@@ -111,6 +74,7 @@ class Store:
             "stage": task.stage,
             "label": task.label,
             "key": task.key,
+            "version": task.version,
             "settings": dict(task.settings),
             "inputs": {name: source.key for name, source in task.inputs.items()},
             "files": files,
@@ -118,7 +82,7 @@ class Store:
         write_json(out / TIMING, timing)
         write_json(out / MANIFEST, manifest)
         target = self.folder(task)
-        if target.exists():  # damaged: it was found to be so, or this task would not have run
+        if target.exists():  # it was found damaged, else the task would not have run
             shutil.rmtree(target)
         out.replace(target)
 
@@ -131,7 +95,7 @@ class Store:
         return f"damaged: {damage}" if damage else None
 
     def timing(self, task: Task) -> dict[str, Any]:
-        """What `finish` was given, or nothing."""
+        """The timing that `finish` was given; empty if there is none."""
         try:
             timing = read_json(self.folder(task) / TIMING)
         except (OSError, ValueError):
@@ -139,16 +103,14 @@ class Store:
         return timing if isinstance(timing, dict) else {}
 
     def _damage(self, folder: Path, task: Task) -> str | None:
-        """The first file that is not as it was written."""
+        """The path of the first file that is not as it was written; None if all are."""
         try:
             manifest = read_json(folder / MANIFEST)
             files: dict[str, str] = manifest["files"]
-            whole = manifest["key"] == task.key and manifest["settings"] == json.loads(
-                json.dumps(dict(task.settings))
-            )
+            valid = manifest["key"] == task.key and manifest["settings"] == _as_json(task)
         except (OSError, ValueError, KeyError, TypeError):
             return f"{folder / MANIFEST}"
-        if not whole:
+        if not valid:
             return f"{folder / MANIFEST}"
         for name, expected in files.items():
             path = folder / name
@@ -168,11 +130,18 @@ class Store:
                 continue
         if found is None:
             return "missing"
-        changes = _differences(found["settings"], json.loads(json.dumps(dict(task.settings))))
+        changes = _differences(found["settings"], _as_json(task))
         if changes:
             return f"config changed: {'; '.join(changes[:3])}{' …' if len(changes) > 3 else ''}"
+        if found["version"] != task.version:
+            return f"stage version {found['version']} → {task.version}"
         inputs = [n for n, t in task.inputs.items() if found["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
+
+
+def _as_json(task: Task) -> Any:
+    """The settings as a manifest holds them: lists for tuples."""
+    return json.loads(json.dumps(dict(task.settings)))
 
 
 def _differences(old: Any, new: Any, name: str = "") -> list[str]:

@@ -1,8 +1,8 @@
-"""Which task makes each cell, remembered: to find it out, every model is imported.
+"""The tasks of a study, remembered, so that `plan` and `status` answer at once.
 
-That means torch and Lightning, seconds of work. A run leaves its tasks in ``work/tasks.json``, and
-as long as the settings and the source are the same, `plan`, `status` and an `all` that finds
-nothing to do read them there.
+To find the tasks, `study.workflow.pipeline` imports every model, and with them torch and Lightning:
+seconds of work. A run writes its tasks to ``work/tasks.json``. They are read from there as long as
+the settings and the source are the same.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,23 +14,24 @@ from study.common.files import digest, read_json, write_json
 from study.common.provenance import source_revision
 from study.config.grid import Cell, cells
 from study.config.settings import Config
-from study.workflow.store import Store, Task
+from study.workflow.store import Store
+from study.workflow.task import Task
 
 
 def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
-    """The last task of every cell of the grid; all that it depends on hangs on it.
+    """The last task, `record`, of every cell of the grid. Its inputs lead to all other tasks.
 
     Raises:
         BadInput: an environment or a model is unknown.
     """
     try:
-        known = read_json(_path(store))
-        content = known["content"]
-        if known["key"] == _key(config) and known["sha256"] == digest(content):
+        cached = read_json(_path(store))
+        content = cached["content"]
+        if cached["key"] == _key(config) and cached["sha256"] == digest(content):
             tasks = _unpack(content["tasks"], config.plugins)
             return {cell: tasks[content["cells"][cell.name]] for cell in cells(config)}
     except (OSError, ValueError, KeyError, TypeError, IndexError):
-        pass  # none, or damaged: found out again
+        pass  # no cache, or a damaged one
     from study.workflow.pipeline import Pipeline
 
     pipeline = Pipeline(config)
@@ -38,10 +39,13 @@ def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
 
 
 def remember(config: Config, records: Mapping[Cell, Task], store: Store) -> None:
-    """Keep what `record_tasks` found out."""
+    """Write the tasks that `record_tasks` found to the cache.
+
+    A study with plugins has no cache: their source may change, and importing them takes as long.
+    """
     if config.plugins:
-        return  # they import what they like: there is nothing to save, and their source may change
-    ordered = line_up(records.values())
+        return
+    ordered = in_order(records.values())
     number = {task: index for index, task in enumerate(ordered)}
     content = {
         "cells": {cell.name: number[task] for cell, task in records.items()},
@@ -50,8 +54,8 @@ def remember(config: Config, records: Mapping[Cell, Task], store: Store) -> None
     write_json(_path(store), {"key": _key(config), "sha256": digest(content), "content": content})
 
 
-def line_up(last: Iterable[Task]) -> list[Task]:
-    """The tasks `last` and all that they depend on, each once, a task after all that it reads."""
+def in_order(last: Iterable[Task]) -> list[Task]:
+    """The tasks `last` and all their inputs, each once, every task after its inputs."""
     ordered: dict[Task, None] = {}
 
     def visit(task: Task) -> None:
@@ -69,22 +73,23 @@ def _path(store: Store) -> Path:
 
 
 def _key(config: Config) -> str:
-    """Of all that the tasks depend on: the settings, and the source, which has the versions."""
+    """Hash of all that the tasks depend on: the settings, and the source with its versions."""
     return digest([asdict(config), source_revision()])
 
 
-def _pack(task: Task, number: dict[Task, int]) -> dict[str, Any]:
+def _pack(task: Task, number: Mapping[Task, int]) -> dict[str, Any]:
     return {
         "stage": task.stage,
         "label": task.label,
         "settings": dict(task.settings),
         "inputs": {name: number[source] for name, source in task.inputs.items()},
+        "version": task.version,
     }
 
 
-def _unpack(packed: list[dict[str, Any]], plugins: tuple[str, ...]) -> list[Task]:
+def _unpack(packed: Iterable[Mapping[str, Any]], plugins: tuple[str, ...]) -> list[Task]:
     tasks: list[Task] = []
     for entry in packed:
         inputs = {name: tasks[index] for name, index in entry["inputs"].items()}
-        tasks.append(Task(entry["stage"], entry["label"], entry["settings"], inputs, plugins))
+        tasks.append(Task(**{**entry, "inputs": inputs, "plugins": plugins}))
     return tasks

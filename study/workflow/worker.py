@@ -1,4 +1,4 @@
-"""Run one task: in whatever process the engine chose, with its log, its threads and its folder."""
+"""Run one task, in the process that the engine chose, with its log, threads and folder."""
 
 import importlib
 import logging
@@ -15,29 +15,42 @@ from typing import Any, Protocol
 import numpy as np
 
 from study.common.progress import Progress
+from study.config.convert import from_json
+from study.config.stage_settings import STAGES
 from study.workflow.meter import Meter
-from study.workflow.store import Store, Task
-
-STAGES = ("collect", "record_data", "ensemble", "tune", "train", "validate", "evaluate", "record")
+from study.workflow.store import Store
+from study.workflow.task import Task
 
 
 class Stage(Protocol):
-    """A stage's module: `run` is a pure function from files to files.
+    """The module of a stage, `study.stages.NAME`.
 
-    A stage with ``RESUMABLE = True`` finds in `out` what a stopped run of the same task left there.
+    `run` is a pure function from files to files: the same settings and inputs give the same bytes.
+    With ``RESUMABLE = True``, `out` may hold the files of a stopped run of the same task.
     """
 
     @staticmethod
-    def run(
-        settings: dict[str, Any], inputs: dict[str, Path], out: Path, progress: Progress
-    ) -> None:
-        """Read the folders `inputs`, write into the folder `out`."""
+    def run(settings: Any, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
+        """Read the folders `inputs`, write into the folder `out`.
+
+        Args:
+            settings: the stage's dataclass of `study.config.stage_settings`.
+            inputs: complete folders of earlier stages, by name.
+            out: folder to write into.
+            progress: called with the fraction done.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended. `error` is one line; the log has the rest."""
+    """How a task ended.
+
+    Attributes:
+        task: the task.
+        seconds: wall time.
+        error: one line; the log has the traceback. None if the task succeeded.
+    """
 
     task: Task
     seconds: float
@@ -45,7 +58,13 @@ class Outcome:
 
 
 def execute(task: Task, root: Path, threads: int) -> Outcome:
-    """Run the task and complete its folder. An exception of the stage becomes an `Outcome`."""
+    """Run the task and complete its folder. An exception of the stage becomes an `Outcome`.
+
+    Args:
+        task: the task.
+        root: folder of the store.
+        threads: CPU threads of the stage.
+    """
     store = Store(root)
     began, meter = datetime.now(UTC), Meter()
     log = store.log(task)
@@ -55,7 +74,7 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
     with _logged(log):
         try:
             prepare(task.plugins, threads)
-            out = store.begin(task, getattr(_stage(task), "RESUMABLE", False))
+            out = store.begin(task, getattr(_module(task), "RESUMABLE", False))
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
             run_stage(task, inputs, out, progress)
@@ -70,37 +89,44 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
 
 
 def run_stage(task: Task, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
-    """Run the task's stage on the folders `inputs`, into the folder `out`; see `prepare`."""
-    _stage(task).run(dict(task.settings), dict(inputs), out, progress)
-
-
-def _stage(task: Task) -> Any:
-    return importlib.import_module(f"study.stages.{task.stage}")
+    """Run the task's stage on the folders `inputs`, into the folder `out`. Call `prepare` first."""
+    settings = from_json(STAGES[task.stage], task.settings)
+    _module(task).run(settings, inputs, out, progress)
 
 
 def prepare(plugins: tuple[str, ...], threads: int) -> None:
-    """The same beginning for every task, whichever tasks this process ran before it."""
+    """Bring this process into the same state for every task, whatever it ran before.
+
+    Args:
+        plugins: modules to import.
+        threads: CPU threads of torch.
+    """
     import torch
 
     for plugin in plugins:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
     torch.use_deterministic_algorithms(True, warn_only=True)
-    # Memory that is about to be written need not be filled with NaN before.
+    # Filling new memory with NaN before it is written costs time.
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     random.seed(0)
-    np.random.seed(0)  # noqa: NPY002 - Optuna and Lightning may still look there
+    np.random.seed(0)  # noqa: NPY002 - Optuna and Lightning may use the global generator
     torch.manual_seed(0)
+
+
+def _module(task: Task) -> Stage:
+    module: Any = importlib.import_module(f"study.stages.{task.stage}")
+    return module
 
 
 @contextmanager
 def _logged(path: Path) -> Iterator[None]:
-    """Everything that the task prints or logs goes to its own file."""
+    """Write everything that the task prints or logs to the task's own file."""
     with path.open("w", buffering=1, encoding="utf-8") as file:
         handler = logging.StreamHandler(file)
         handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         loggers = [logging.getLogger(name) for name in ("", "lightning", "lightning.pytorch")]
-        quiet = [(logger, logger.handlers[:], logger.propagate) for logger in loggers]
+        previous = [(logger, logger.handlers[:], logger.propagate) for logger in loggers]
         for logger in loggers:
             logger.handlers = [handler] if logger.name == "root" else []
             logger.propagate = True
@@ -108,5 +134,5 @@ def _logged(path: Path) -> Iterator[None]:
             with redirect_stdout(file), redirect_stderr(file), warnings.catch_warnings():
                 yield
         finally:
-            for logger, handlers, propagate in quiet:
+            for logger, handlers, propagate in previous:
                 logger.handlers, logger.propagate = handlers, propagate

@@ -14,7 +14,8 @@ from study.common.trials import score
 from study.config.grid import Cell
 from study.stages.tune import sampler
 from study.workflow.pipeline import Pipeline
-from study.workflow.store import Store, Task
+from study.workflow.store import Store
+from study.workflow.task import Task
 from tests.helpers.running import SMALL, SMOKE, Done
 
 CELL = Cell("cart", "low", "full_vae", 0)

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from study.workflow.scheduler import longest_first, run_tasks
-from study.workflow.store import Store, Task
+from study.workflow.store import Store
+from study.workflow.task import Task
 from study.workflow.worker import Outcome
 
 

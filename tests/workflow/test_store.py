@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from study.workflow.store import MANIFEST, Store, Task
+from study.common.provenance import MANIFEST
+from study.workflow.store import Store
+from study.workflow.task import Task
 
 
 def task(value: int = 1, inputs: Mapping[str, Task] | None = None, **extra: Any) -> Task:

@@ -12,7 +12,7 @@ from study.common import provenance
 from study.common.errors import BadInput
 from study.config.settings import Config, Tune
 from study.workflow.store import Store
-from study.workflow.task_cache import line_up, record_tasks, remember
+from study.workflow.task_cache import in_order, record_tasks, remember
 from tests.helpers.running import ROOT, SMOKE, Done
 
 CONFIG = Config()
@@ -47,7 +47,7 @@ def test_the_same_tasks(remembered: Store, monkeypatch: pytest.MonkeyPatch) -> N
     assert not _found_out_anew(remembered, CONFIG, monkeypatch)
     known = record_tasks(CONFIG, remembered)
     assert known == anew
-    for one, other in zip(line_up(known.values()), line_up(anew.values()), strict=True):
+    for one, other in zip(in_order(known.values()), in_order(anew.values()), strict=True):
         assert (one.name, one.key, one.settings) == (other.name, other.key, other.settings)
         assert {n: t.key for n, t in one.inputs.items()} == {
             n: t.key for n, t in other.inputs.items()

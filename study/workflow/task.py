@@ -1,0 +1,46 @@
+"""One run of one stage, and all that it depends on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from study.common.files import digest
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run of one stage.
+
+    Attributes:
+        stage: name of the stage.
+        label: what it is for, to a reader: `pusher`, `pusher/low/seed-0`, a cell's name.
+        settings: JSON of the stage's settings (`study.config.stage_settings`).
+        inputs: earlier tasks, by the name under which the stage asks for their folder.
+        version: of the stage's code.
+        plugins: modules to import first. The key does not depend on them.
+    """
+
+    stage: str
+    label: str
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, "Task"] = field(default_factory=dict)
+    version: int = 1
+    plugins: tuple[str, ...] = ()
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the stage, its version, its settings and the keys of its inputs."""
+        inputs = {name: task.key for name, task in self.inputs.items()}
+        return digest([self.stage, self.version, dict(self.settings), inputs])
+
+    @property
+    def name(self) -> str:
+        """`train pusher/low/full_vae/seed-0`."""
+        return f"{self.stage} {self.label}"
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Task) and self.key == other.key
