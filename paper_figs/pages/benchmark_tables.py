@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from paper_figs.pages.marks import pipe_table
-from paper_figs.text import number
+from paper_figs.text import NOTHING, number
 from study.common.files import read_json
 from study.config.names import label
 
@@ -66,7 +66,7 @@ def evaluation(rows: Rows) -> str:
             row["contender"],
             f"{row['seconds']:.1f}",
             f"{row['gigabytes']:.2f}",
-            "—" if row["difference"] is None else f"{row['difference']:.0e}",
+            NOTHING if row["difference"] is None else f"{row['difference']:.0e}",
         ]
         for row in rows
     ]
@@ -93,7 +93,7 @@ def _rates(rows: Rows, groups: tuple[str, ...]) -> str:
         cells.setdefault(key, {})[row["contender"]] = row
     lines = []
     for key, found in cells.items():
-        ratios = [_ratio(found[c]["ratio"]) if c in found else "—" for c in contenders]
+        ratios = [_ratio(found[c]["ratio"]) if c in found else NOTHING for c in contenders]
         lines.append([", ".join(map(label, key)), _rate(found["ours"]["rate"]), *ratios])
     return pipe_table(["", "transitions / s", *(f"× {name}" for name in contenders)], lines)
 
@@ -129,7 +129,7 @@ def scale(rows: Rows) -> str:
 
 
 def _rate(rate: float | None) -> str:
-    return "—" if rate is None else f"{rate:,.0f}"
+    return NOTHING if rate is None else f"{rate:,.0f}"
 
 
 def _ratio(ratio: list[float]) -> str:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from paper_figs.pages.marks import pipe_table
 from paper_figs.results import read_scores
-from paper_figs.text import number, title
+from paper_figs.text import NOTHING, number, title
 from study.claims.paper import BRIER
 from study.common.arrays import Doubles
 from study.common.files import read_json
@@ -169,7 +169,11 @@ def claims(study: Study) -> str:
     for claim in study.claims:
         if claim["section"] != "ours":
             finding = claim["deciding"]
-            effect = _signed(*(float(finding[end]) for end in ("effect", "low", "high")))
+            effect = (
+                _signed(float(finding["effect"]), float(finding["low"]), float(finding["high"]))
+                if finding
+                else NOTHING
+            )
             rows.append([claim["words"], claim["verdict"], effect])
     return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
 
@@ -223,7 +227,9 @@ def differences(study: Study, metric: str) -> str:
     for first, second in CONTRASTS:
         row = [f"{label(first)} − {label(second)}"]
         for cell in CELLS:
-            found = difference(*(study.values(metric, *cell, model) for model in (first, second)))
+            found = difference(
+                study.values(metric, *cell, first), study.values(metric, *cell, second)
+            )
             row.append(_signed(found.estimate, found.low, found.high, digits=3))
         rows.append(row)
     return pipe_table([METRICS[metric], *map(_name, CELLS)], rows)
@@ -298,8 +304,8 @@ def ablations(record: dict[str, Any]) -> str:
             cell = f"{environment}/low/{model}/seed-0"
             old, new = (record["scores"][key].get(cell) for key in (before, change))
             same = old is None or new is None or old == new
-            row.append("—" if same else f"{new['mmd2'] / old['mmd2']:.2f}")
-        if set(row[1:]) != {"—"}:
+            row.append(NOTHING if same else f"{new['mmd2'] / old['mmd2']:.2f}")
+        if set(row[1:]) != {NOTHING}:
             rows.append(row)
     return pipe_table(["change", *(f"{label(m)}, {label(e)}" for e, m in names)], rows)
 
