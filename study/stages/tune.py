@@ -59,7 +59,7 @@ def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress:
         {
             "beta": search.best_params["beta"],
             "score": search.best_value,
-            "trials": [_as_json(number, trial) for number, trial in enumerate(ended)],
+            "trials": [trial_to_json(number, trial) for number, trial in enumerate(ended)],
         },
     )
 
@@ -163,7 +163,7 @@ def _of_trial(settings: TuneSettings) -> TrainSettings:
     return replace(settings.fit, model_settings=asdict(short))
 
 
-def _as_json(number: int, trial: FrozenTrial) -> dict[str, Any]:
+def trial_to_json(number: int, trial: FrozenTrial) -> dict[str, Any]:
     """A trial: its β, its state, and its score; of a pruned trial, the last that it reported."""
     complete = trial.state == TrialState.COMPLETE
     reported = trial.intermediate_values

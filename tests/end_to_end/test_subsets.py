@@ -8,13 +8,17 @@ import pytest
 
 from study.commands.parser import parse
 from study.common.files import read_json
+from study.common.provenance import MANIFEST
+from study.config.convert import from_json
 from study.config.grid import Cell
 from study.config.settings import Config, Grid
+from study.config.stage_settings import TrainingSet
 from study.data.trajectories import ScenarioSet, Trajectories
 from study.training.inputs import training_data
 from study.workflow.pipeline import Pipeline
-from study.workflow.store import MANIFEST, Store, Task
-from study.workflow.task_cache import line_up, record_tasks
+from study.workflow.store import Store
+from study.workflow.task import Task
+from study.workflow.task_cache import in_order, record_tasks
 from study.workflow.worker import execute
 from tests.helpers.running import SMALL, SMOKE, Done
 
@@ -49,7 +53,9 @@ def test_level_high_is_a_part_of_low(smoke: tuple[Path, Done]) -> None:
     def training(level: str, seed: int, model: str) -> set[bytes]:
         cell = Cell("pusher", level, model, seed)
         task = pipeline.ensemble(cell) if model == "ensemble" else pipeline.train(cell)
-        return _rows(training_data(dict(task.settings), data)[0].states)
+        return _rows(
+            training_data(from_json(TrainingSet, task.settings["training"]), data)[0].states
+        )
 
     tenths = []
     for seed in config.grid.seeds:
@@ -88,7 +94,7 @@ def _copy_without_test(small: Path, tmp_path: Path, tasks: list[Task]) -> Store:
 def test_what_learns_never_opens_the_test_set(small: Path, tmp_path: Path) -> None:
     whole = Store(small / "work")
     config = parse(["all", *SMALL]).config
-    tasks = line_up(record_tasks(config, whole).values())
+    tasks = in_order(record_tasks(config, whole).values())
     store = _copy_without_test(small, tmp_path, tasks)
     learning = [task for task in tasks if task.stage in ("ensemble", "tune", "train")]
     assert len(learning) == 4

@@ -1,18 +1,21 @@
-"""The search for β, as the smoke study left it."""
+"""The search for β: its journal, its grid, and the score of a pruned trial."""
 
 from pathlib import Path
 
 import numpy as np
 import optuna
 import pytest
+from optuna.distributions import FloatDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from study.commands.parser import parse
 from study.common.files import read_json
-from study.common.trials import score
+from study.config.convert import from_json
 from study.config.grid import Cell
-from study.stages.tune import sampler
+from study.config.stage_settings import TuneSettings
+from study.stages.tune import sampler, trial_to_json
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -39,13 +42,15 @@ def test_the_journal_opens_and_holds_what_the_stage_says(small: Path) -> None:
     tune = task.settings["tune"]
     assert study.direction == optuna.study.StudyDirection.MINIMIZE
     assert len(study.trials) == tune["trials"] == 4
-    for trial, told in zip(study.trials, tuning["trials"], strict=True):
-        assert trial.params["beta"] == told["beta"]
-        assert tune["beta_low"] <= told["beta"] <= tune["beta_high"]
-        assert trial.state.name.lower() == told["state"]
-        assert {str(k): v for k, v in trial.intermediate_values.items()} == told["intermediate"]
-    values = {t["value"]: t["beta"] for t in tuning["trials"] if t["state"] == "complete"}
-    assert (tuning["score"], tuning["beta"]) == (min(values), values[min(values)])
+    for trial, stored in zip(study.trials, tuning["trials"], strict=True):
+        assert trial.params["beta"] == stored["beta"]
+        assert tune["beta_low"] <= stored["beta"] <= tune["beta_high"]
+        assert trial.state.name.lower() == stored["state"]
+        assert {str(k): v for k, v in trial.intermediate_values.items()} == stored["intermediate"]
+        last = trial.intermediate_values[max(trial.intermediate_values)]
+        assert stored["score"] == (trial.value if trial.state.name == "COMPLETE" else last)
+    scores = {t["score"]: t["beta"] for t in tuning["trials"] if t["state"] == "complete"}
+    assert (tuning["score"], tuning["beta"]) == (min(scores), scores[min(scores)])
     assert (study.best_value, study.best_params["beta"]) == (tuning["score"], tuning["beta"])
 
 
@@ -64,7 +69,7 @@ def test_the_fit_takes_the_tuned_beta(smoke: tuple[Path, Done], environment: str
 def test_the_first_trials_cover_the_range_evenly_in_its_logarithm() -> None:
     changed = ["--tune.trials=8", "--tune.beta_low=1e-4", "--tune.beta_high=1"]
     task = _task([*SMOKE, *changed], Cell("uav", "low", "full_vae", 0))
-    settings = dict(task.settings)
+    settings = from_json(TuneSettings, task.settings)
 
     def betas() -> list[float]:
         study = optuna.create_study()
@@ -80,8 +85,17 @@ def test_the_first_trials_cover_the_range_evenly_in_its_logarithm() -> None:
     assert betas() == first
 
 
-def test_a_pruned_trial_counts_by_its_last_report() -> None:
-    reports = {"100": 0.3, "150": 0.2, "50": 0.5}
-    assert score({"value": None, "intermediate": reports}) == 0.2
-    assert score({"value": 0.1, "intermediate": reports}) == 0.1
-    assert score({"value": None, "intermediate": {}}) is None
+def test_a_pruned_trial_has_the_score_of_its_last_report() -> None:
+    def trial(state: TrialState, value: float | None, reports: dict[int, float]) -> FrozenTrial:
+        return create_trial(
+            state=state,
+            value=value,
+            params={"beta": 1.0},
+            distributions={"beta": FloatDistribution(0.1, 10.0)},
+            intermediate_values=reports,
+        )
+
+    reports = {100: 0.3, 150: 0.2, 50: 0.5}
+    assert trial_to_json(0, trial(TrialState.PRUNED, None, reports))["score"] == 0.2
+    assert trial_to_json(0, trial(TrialState.COMPLETE, 0.1, reports))["score"] == 0.1
+    assert trial_to_json(0, trial(TrialState.PRUNED, None, {}))["score"] is None
