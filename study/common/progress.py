@@ -1,4 +1,4 @@
-"""How a stage tells how far it is: one small file, rewritten, that anyone may read."""
+"""The progress of a stage: one small file, rewritten, that other processes read."""
 
 import json
 import time
@@ -10,11 +10,12 @@ from study.common.files import replacing
 
 
 class Progress:
-    """Called by a stage with the fraction done, in [0, 1], and what it is doing.
+    """Called by a stage with the fraction done, in [0, 1], and a message.
 
     Args:
-        path: the file to rewrite; None keeps quiet.
-        start, share: this reports a part of something longer, from `start` on.
+        path: the file to rewrite; None reports nothing.
+        start: fraction of the whole at which this part starts.
+        share: this part's share of the whole.
     """
 
     def __init__(self, path: Path | None = None, start: float = 0.0, share: float = 1.0) -> None:
@@ -29,7 +30,7 @@ class Progress:
         self._tell(self.start + self.share * min(fraction, 1.0), message)
 
     def part(self, start: float, end: float) -> "Progress":
-        """The progress of a part that lasts from `start` to `end` of the whole."""
+        """The progress of a part that covers the fractions `start` to `end`."""
         part = copy(self)
         part.start, part.share = self.start + self.share * start, self.share * (end - start)
         return part
@@ -43,7 +44,7 @@ class Progress:
 
 
 def read_progress(path: Path) -> dict[str, Any]:
-    """The last `{"fraction", "message"}`; nothing if there is none."""
+    """The last reported ``fraction`` and ``message``; empty if there is none."""
     try:
         state = json.loads(path.read_text())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Names to classes: how an environment or a model joins the study without an edit elsewhere."""
+"""Registered classes by name: a new environment or model needs no edit elsewhere."""
 
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """Classes by name.
+    """Classes by name. An unknown name raises `BadInput` with the nearest known one.
 
     >>> animals: Registry[type] = Registry("animal")
     >>> @animals.register("cat")
@@ -23,7 +23,7 @@ class Registry(Generic[T]):
         self._members: dict[str, T] = {}
 
     def register(self, name: str) -> Callable[[T], T]:
-        """Decorator: enter the class under `name`.
+        """Decorator that registers a class under `name`.
 
         Raises:
             ValueError: another class has that name already.
@@ -31,7 +31,7 @@ class Registry(Generic[T]):
 
         def enter(member: T) -> T:
             known = self._members.get(name)
-            # The same source may be imported twice (as a plugin and by a test): that is no clash.
+            # The same source may be imported twice, for example as a plugin and by a test.
             if known is not None and getattr(known, "__qualname__", 1) != getattr(
                 member, "__qualname__", 2
             ):

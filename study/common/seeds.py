@@ -1,6 +1,6 @@
-"""Seeds: every random number of the study comes from a seed with a name.
+"""Seeds: every random number of the study comes from a named seed.
 
-A seed depends on what it is for and on nothing else, never on batch size, order or worker.
+A seed depends on its name alone, never on batch size, order or worker.
 """
 
 import hashlib
@@ -12,13 +12,13 @@ Seeds = NDArray[np.uint64]
 
 
 def derive(*path: str | int) -> int:
-    """The seed of one purpose: `derive(0, "pusher", "test")` is the same number everywhere."""
+    """The seed of a purpose: `derive(0, "pusher", "test")` is the same number on every machine."""
     text = "/".join(map(str, path))
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
 def spawn(seed: int, count: int) -> Seeds:
-    """`count` seeds [count] from one. The first n of them do not depend on `count`."""
+    """`count` seeds [count] from one seed. The first n seeds do not depend on `count`."""
     return np.asarray(np.random.SeedSequence(seed).generate_state(count, np.uint64), np.uint64)
 
 

@@ -9,13 +9,13 @@ from study.common.errors import BadInput, nearest
 from study.config.names import BEYOND, MODELS
 from study.config.settings import Config, Grid
 
-# Reference forecasters, scored by the same code as every model.
 REFERENCES = ("oracle", "ensemble")
+"""Reference forecasters, scored by the same code as every model."""
 
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """One model, trained on one amount of data of one environment, with one seed."""
+    """One model, trained on the data of one environment at one epistemic level, with one seed."""
 
     environment: str
     level: str
@@ -24,7 +24,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """`pusher/low/residual_vae/seed-0`: the cell's path, wherever it leaves something."""
+        """`pusher/low/residual_vae/seed-0`, also the path of the cell's files."""
         return f"{self.environment}/{self.level}/{self.model}/seed-{self.seed}"
 
     @property
@@ -33,19 +33,19 @@ class Cell:
         return self.model in REFERENCES
 
 
-# Models by one name: ``--grid.models all``.
 GROUPS = {"paper": MODELS, "all": (*MODELS, *BEYOND)}
+"""Names for several models: ``--grid.models all``."""
 
 
 def with_groups(grid: Grid) -> Grid:
-    """The grid with the names of groups replaced by their models, each once."""
+    """The grid with every group replaced by its models, each model once."""
     named = [model for name in grid.models for model in GROUPS.get(name, (name,))]
     groups = any(name in GROUPS for name in grid.models)
     return replace(grid, models=tuple(dict.fromkeys(named) if groups else named))
 
 
 def cells(config: Config) -> list[Cell]:
-    """Every cell of the grid, the models first and the references after them."""
+    """Every cell of the grid. The references come after the models."""
     grid = config.grid
     return [
         Cell(environment, level, model, seed)
@@ -55,12 +55,12 @@ def cells(config: Config) -> list[Cell]:
 
 
 def matches(cell: Cell, pattern: str) -> bool:
-    """Whether a pattern such as ``pusher/high/*`` means the cell; all below it are meant."""
+    """Whether a pattern such as ``pusher/high/*`` or ``pusher`` matches the cell."""
     return fnmatchcase(cell.name, pattern) or fnmatchcase(cell.name, pattern + "/*")
 
 
 def among(cell: Cell, patterns: Iterable[str]) -> bool:
-    """Whether any of the patterns means the cell."""
+    """Whether any of the patterns matches the cell."""
     return any(matches(cell, pattern) for pattern in patterns)
 
 

@@ -1,7 +1,7 @@
-"""Every setting of the study: frozen dataclasses, one for each stage, and what each one allows.
+"""Every setting of the study: frozen dataclasses, one for each section of the YAML files.
 
 The defaults are those of ``configs/quick.yaml``. A YAML file or a dotted flag
-(``--tune.trials 12``) changes them; `study.config.validation` refuses what cannot work.
+(``--tune.trials 12``) changes a setting, and `study.config.validation` checks it.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def setting(default: Any, **allowed: Any) -> Any:
-    """A field with its bounds: `low`, `high` (both allowed) or `choices`."""
+    """A field with bounds `low` and `high`, both inclusive, or with `choices`."""
     return field(default=default, metadata=allowed)
 
 
@@ -20,10 +20,11 @@ class Grid:
 
     Args:
         environments: real systems, by their registered names.
-        levels: epistemic levels: `low` has all the data, `high` a tenth of it.
-        models: models, by their registered names; `paper` stands for the paper's three, `all` for
-            these and those that are beyond the paper.
-        seeds: initialisations, orders of data, and (level high) which tenth of the data.
+        levels: epistemic levels: `low` has all training data, `high` a tenth of them.
+        models: models, by their registered names. `paper` means the paper's three models, `all`
+            means these and the models beyond the paper.
+        seeds: each names initial weights, an order of the data, and at level high a tenth of the
+            data.
     """
 
     environments: tuple[str, ...] = ("pusher", "uav")
@@ -43,7 +44,7 @@ class Collect:
         scenarios: test scenarios (the paper's 250).
         rollouts: observed rollouts K of each test scenario.
         horizon: control steps T; null is the environment's own (120 and 60).
-        seed: names the data sets; the same for every cell.
+        seed: of the data sets; the same for every cell.
     """
 
     trajectories: int = setting(3000, low=2)
@@ -57,14 +58,14 @@ class Collect:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The M recurrent networks that carry the epistemic part (section III-A).
+    """The M recurrent networks, whose disagreement is the epistemic part (section III-A).
 
     Args:
         members: M.
         cross_fit: each member leaves out a fold of 1/M of the trajectories, and residuals are
             out-of-fold: taken to the member that left the trajectory out, as in a forecast. Without
             it all members learn from all trajectories, and residuals are in-sample.
-        hidden_size: width of each member's GRU.
+        hidden_size: hidden units of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
@@ -116,7 +117,7 @@ class Vae:
     """The two recurrent conditional VAEs (section III-B).
 
     Args:
-        hidden_size: width of the encoder's and the decoder's GRU.
+        hidden_size: hidden units of the encoder's and of the decoder's GRU.
         latent_size: components of z_t.
         teacher_forcing: the decoder's state history in training: the true states (`always`), its
             own predictions (`never`), or the true states first and then its own (`scheduled`).
@@ -144,10 +145,10 @@ class Vae:
 
 @dataclass(frozen=True)
 class Crps:
-    """The generators trained by proper scores, beyond the paper.
+    """The CRPS generators: models trained by proper scores, beyond the paper.
 
     Args:
-        hidden_size: width of the decoder's layers.
+        hidden_size: hidden units of each of the decoder's layers.
         steps: of the optimiser, in place of `train.steps`.
         one_step_fraction: share of the steps that trains on single transitions, by the logarithmic
             score; the others train on autoregressive rollouts, by the CRPS.
@@ -176,8 +177,8 @@ class Mlp:
     """The probabilistic MLP (section III-C).
 
     Args:
-        hidden_size: width of each hidden layer.
-        layers: hidden layers.
+        hidden_size: units of each hidden layer.
+        layers: number of hidden layers.
         loss: the negative log-likelihood (`nll`), or the β-NLL (`beta_nll`), as for the VAEs: see
             `study/models/networks/likelihood.py`.
     """
@@ -192,7 +193,7 @@ class ModelEnsemble:
     """Ensembles of whole models, beyond the paper.
 
     Args:
-        members: complete models, each with weights and an order of the data of its own.
+        members: complete models, each with its own initial weights and order of the data.
     """
 
     members: int = setting(5, low=1)
@@ -212,9 +213,10 @@ class ProbabilisticEnsemble:
 
 @dataclass(frozen=True)
 class Train:
-    """How the models of the cells are fitted (stage train).
+    """Training of the cells' models (stage train).
 
-    The CRPS generators have steps, batch and learning rate of their own, and never stop early.
+    The CRPS generators take steps, batch size and learning rate from their own section, and never
+    stop early.
 
     Args:
         steps: optimiser steps at most.
@@ -242,8 +244,8 @@ class Evaluate:
 
     Args:
         samples: forecasts K of each scenario.
-        bandwidth: factor on the Gaussian kernel's bandwidth (1 is the median heuristic).
-        examples: scenarios whose forecasts are kept for the recordings.
+        bandwidth: factor on the Gaussian kernel's bandwidth; 1 is the median heuristic.
+        examples: scenarios whose forecasts are stored for the recordings.
     """
 
     samples: int = setting(40, low=2)
@@ -253,16 +255,16 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Publish:
-    """What goes from ``work/`` to the results folder. No number depends on it.
+    """Which files go from ``work/`` to the results folder. No number depends on it.
 
-    Each names cells, by name or by pattern. Scores are published of every cell, and so are the
-    recordings of the data and of the whole study.
+    Each setting lists cells, by name or by pattern. Scores of every cell are always published, and
+    so are the recordings of the data and of the whole study.
 
     Args:
-        forecasts: cells with their forecast recording, the largest.
-        recordings: cells with their recordings of training, tuning and scores, and their part in
-            the overview figure.
-        weights: cells with their weights, from which `forecast` and `verify --rerun` go on.
+        forecasts: cells whose forecast recording is published. It is the largest file.
+        recordings: cells whose recordings of training, tuning and scores are published. Fig. 1
+            shows these cells.
+        weights: cells whose weights are published, for `forecast` and `verify --rerun`.
     """
 
     forecasts: tuple[str, ...] = ("*",)
@@ -272,12 +274,12 @@ class Publish:
 
 @dataclass(frozen=True)
 class Engine:
-    """Where the stages run. No number depends on it, except on `threads` by rounding.
+    """Where the stages run. Numbers depend on `threads`, by rounding, and on nothing else here.
 
     Args:
         kind: `serial` (in this process) or `dask` (local worker processes).
-        workers: worker processes; 0 is one for each `threads` cores.
-        threads: CPU threads of each stage, whatever the number of workers.
+        workers: worker processes; 0 starts one for each `threads` cores.
+        threads: CPU threads of each stage.
     """
 
     kind: str = setting("dask", choices=("serial", "dask"))
@@ -290,8 +292,8 @@ class Config:
     """The whole study.
 
     Args:
-        name: names the results folder, results/NAME.
-        plugins: Python modules that register environments or models of your own.
+        name: of the results folder, results/NAME.
+        plugins: Python modules of your own that register environments or models.
         ablations: for `ablate`, changes to try one after the other:
             ``vae.decoder_output=mean``, or several settings at once,
             ``vae.decoder_output=mean vae.teacher_forcing=never``.
@@ -306,7 +308,7 @@ class Config:
         probabilistic_ensemble: that of probabilistic MLPs.
         train: fitting a cell's model.
         evaluate: forecasts and scores.
-        publish: what goes to the results folder.
+        publish: files that go to the results folder.
         engine: where stages run.
     """
 

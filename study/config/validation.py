@@ -1,4 +1,4 @@
-"""Which values the settings may have: refused in one line, before anything is written."""
+"""Checks of settings before anything is written: bounds, choices, and settings that conflict."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -8,7 +8,7 @@ from study.config.settings import Config
 
 
 def check(config: Any, prefix: str = "") -> None:
-    """Refuse values out of bounds.
+    """Check every setting.
 
     Raises:
         BadInput: names the setting, what was given and what is allowed.
@@ -37,14 +37,14 @@ def _check_value(
         return
     if choices and value not in choices:
         raise BadInput(f"{name}: got '{value}'; {nearest(str(value), choices)}")
-    # `not (…)` so that nan is refused as well.
+    # `not (…)` refuses NaN as well.
     if (low is not None and not value >= low) or (high is not None and not value <= high):
         bounds = f"at least {low}" if high is None else f"between {low} and {high}"
         raise BadInput(f"{name}: got {value}; it must be {bounds}")
 
 
 def _check_together(config: Config) -> None:
-    """What one setting asks of another."""
+    """Checks that involve several settings."""
     for level in config.grid.levels:
         if level not in ("low", "high"):
             raise BadInput(f"grid.levels: got '{level}'; {nearest(level, ('low', 'high'))}")
