@@ -4,7 +4,7 @@ VENV ?= .venv
 CONFIG ?= configs/quick.yaml
 RUN := $(VENV)/bin/python
 
-.PHONY: study test lint figures clean
+.PHONY: study test quicktest lint figures clean
 
 study: $(VENV)/.study
 	$(RUN) -m study.run all --config $(CONFIG)
@@ -12,15 +12,20 @@ study: $(VENV)/.study
 test: $(VENV)/.test
 	$(RUN) -m pytest
 
+# The tests of every room but the slow ones: under 90 seconds on two cores.
+quicktest: $(VENV)/.test
+	$(RUN) -m pytest -m 'not slow and not viewer'
+
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
 
 figures: $(VENV)/.study
 	$(RUN) -m study.run figures --config $(CONFIG)
 
-# The environment is made again when what it holds changes.
+# The environment is set up again when its requirements change.
 $(VENV)/.study: pyproject.toml constraints.txt
 	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install --quiet --constraint constraints.txt --editable .
