@@ -1,0 +1,124 @@
+"""Generated tables in pages: the marks, and the numbers between them."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from paper_figs.pages import benchmark_tables, study_tables
+from paper_figs.pages.marks import rewritten
+from study.claims.paper import BRIER
+from study.common.errors import BadInput
+from study.config.names import LABELS, MODELS
+
+RESULTS = Path(__file__).parents[2] / "results"
+PAGE = (
+    "before\n\n<!-- table: one -->\nold\n<!-- end -->\n\nbetween\n\n"
+    "<!-- table: two -->\n<!-- end -->\n"
+)
+NAMES = {text: name for name, text in LABELS.items()}
+
+
+def _cells(table: str) -> dict[tuple[str, str], str]:
+    """The entries of a pipe table, by row and column."""
+    heads, _, *rows = (
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in table.splitlines()
+        if line.startswith("|")
+    )
+    return {
+        (row[0], head): cell for row in rows for head, cell in zip(heads[1:], row[1:], strict=True)
+    }
+
+
+def test_blocks_are_replaced_and_nothing_else() -> None:
+    text = rewritten(PAGE, {"one": lambda: "new\nlines\n", "two": lambda: "2"})
+    assert text == (
+        "before\n\n<!-- table: one -->\nnew\nlines\n<!-- end -->\n\nbetween\n\n"
+        "<!-- table: two -->\n2\n<!-- end -->\n"
+    )
+    assert rewritten(text, {"one": lambda: "new\nlines", "two": lambda: "2"}) == text
+
+
+def test_an_unknown_table_is_refused() -> None:
+    with pytest.raises(BadInput, match="unknown table 'two'"):
+        rewritten(PAGE, {"one": lambda: "", "tow": lambda: ""})
+
+
+@pytest.mark.parametrize("end", ["", "<!--end-->"])
+def test_a_block_without_an_end_is_refused(end: str) -> None:
+    tables = {"one": lambda: "", "two": lambda: ""}
+    with pytest.raises(BadInput, match="end"):
+        rewritten(PAGE.replace("<!-- end -->", end), tables)
+    with pytest.raises(BadInput, match="end"):
+        rewritten(PAGE.replace("<!-- end -->", end, 1), tables)
+
+
+@pytest.mark.parametrize(("table", "metric"), [("brier", "brier"), ("mmd", "mmd2")])
+def test_scores_are_means_over_seeds(table: str, metric: str) -> None:
+    """Compared with the averages that the study stored, which the tables do not read."""
+    entries = _cells(study_tables.tables(RESULTS)[table]())
+    scores = pd.read_parquet(RESULTS / "paper" / "scores.parquet")
+    stored = scores[(scores.step == -1) & (scores.scenario == -1) & (scores.dimension == "all")]
+    for (row, head), entry in entries.items():
+        environment, level = (NAMES[name] for name in row.split(", "))
+        here = stored[stored.environment == environment]
+        model = NAMES.get(head, head)
+        if model == "climatology":
+            here = here[here.metric == "brier_climatology"]
+        else:
+            here = here[(here.metric == metric) & (here.level == level) & (here.model == model)]
+        mean, _, paper = entry.replace("*", "").replace("−", "-").partition(" ")
+        assert float(mean) == pytest.approx(here.value.mean(), abs=0.00051), (row, head)
+        expected = BRIER.get((environment, level, model)) if metric == "brier" else None
+        assert (float(paper.strip("()")) if paper else None) == expected
+
+
+def test_the_best_of_the_papers_models_is_bold() -> None:
+    entries = _cells(study_tables.tables(RESULTS)["mmd"]())
+    for row in {row for row, _ in entries}:
+        means = {
+            name: float(entry.strip("*"))
+            for name, entry in (
+                (name, entries[row, name]) for name in (LABELS[model] for model in MODELS)
+            )
+        }
+        bold = [name for (at, name), entry in entries.items() if at == row and "**" in entry]
+        assert len(bold) == 1
+        assert means[bold[0]] == min(means.values())
+
+
+def test_verdicts_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "paper").mkdir()
+    verdicts = [("V-A", "partly"), ("V-A", "reproduced"), ("V-B", "partly"), ("ours", "partly")]
+    claims = [{"section": section, "verdict": verdict} for section, verdict in verdicts]
+    (tmp_path / "paper" / "claims.json").write_text(json.dumps(claims))
+    counts = _cells(study_tables.tables(tmp_path)["verdicts"]())
+    rows = ["**the paper's claims**", "Pusher (section V-A)", "UAV (section V-B)"]
+    assert [counts[row, "partly"] for row in rows] == ["2", "1", "1"]
+    assert [counts[row, "reproduced"] for row in rows] == ["1", "1", "0"]
+
+
+def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:
+    assert benchmark_tables.tables(tmp_path)["scale"]() == benchmark_tables.NOT_MEASURED
+
+
+def test_the_table_of_a_benchmark(tmp_path: Path) -> None:
+    folder = tmp_path / "tests" / "benchmarks" / "results"
+    folder.mkdir(parents=True)
+    rows = [
+        {"size": "quick", "model": "full_vae", "contender": name, "rate": rate, "ratio": ratio}
+        for name, rate, ratio in (
+            ("ours", 1234.5, [1.0, 1.0, 1.0]),
+            ("torch.nn", 600.0, [2.06, 1.9, 2.2]),
+        )
+    ]
+    machine = {"processor": "some processor", "cores": 2, "system": "Linux"}
+    record = {"machine": machine, "rows": rows}
+    (folder / "training.json").write_text(json.dumps(record))
+    text = benchmark_tables.tables(tmp_path)["training"]()
+    cells = _cells(text)
+    assert cells["quick, full VAE", "transitions / s"] == "1,234"
+    assert cells["quick, full VAE", "× torch.nn"] == "2.06 (1.90–2.20)"
+    assert text.endswith("some processor, 2 cores, Linux.")
