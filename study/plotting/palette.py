@@ -1,4 +1,8 @@
-"""One colour for one thing, in every view: clear on a dark and on a light background alike."""
+"""The colours of figures and recordings: one colour for one thing, everywhere.
+
+The colours are those of Okabe and Ito (2008) and of Paul Tol. People with any colour vision can tell
+them apart.
+"""
 
 from collections.abc import Iterable
 
@@ -16,60 +20,83 @@ from study.config.names import (
 )
 
 Colour = tuple[int, int, int, int]
+"""Red, green, blue and opacity, each from 0 to 255."""
 
 FORECAST: Colour = (62, 134, 222, 255)
 OBSERVED: Colour = (150, 150, 150, 255)
 TARGET: Colour = (0, 190, 80, 255)
 ALEATORIC: Colour = (214, 168, 32, 255)
 EPISTEMIC: Colour = (213, 94, 0, 255)
-NOW: Colour = (235, 150, 30, 255)
-RUN: Colour = (250, 210, 40, 255)  # in a 3D scene only: too light on a white ground
+HIGHLIGHT: Colour = (235, 150, 30, 255)
+"""The one trajectory among many that a view is about."""
+REPLAYED: Colour = (250, 210, 40, 255)
+"""The rollout that the bodies of a 3D scene replay; too light for a white ground."""
 REFERENCE: Colour = (140, 140, 140, 160)
+"""Lines to compare with, such as the diagonal of a reliability diagram."""
 FRAME: Colour = (128, 128, 128, 255)
 
-STATE: dict[str, Colour] = {
+TRIAL_STATES: dict[str, Colour] = {
     "complete": (46, 160, 90, 255),
     "pruned": (235, 150, 30, 255),
     "failed": (214, 72, 60, 255),
 }
 
-# Okabe and Ito's palette, without its black and its yellow: told apart by the colour-blind too.
-_SERIES = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (86, 180, 233),
-    (230, 159, 0),
-)
-
-MODELS: dict[str, Colour] = {
-    RESIDUAL: (0, 114, 178, 255),
-    FULL: (213, 94, 0, 255),
-    MLP: (0, 158, 115, 255),
-    RESIDUAL_CRPS: (86, 180, 233, 255),
-    FULL_CRPS: (230, 159, 0, 255),
-    RESIDUAL_ENSEMBLE: (51, 34, 136, 255),
-    FULL_ENSEMBLE: (136, 34, 85, 255),
-    MLP_ENSEMBLE: (153, 153, 51, 255),
-    ENSEMBLE: (204, 121, 167, 255),
-    ORACLE: (119, 119, 119, 255),
+_RGB = {
+    "blue": (0, 114, 178),
+    "vermilion": (213, 94, 0),
+    "green": (0, 158, 115),
+    "pink": (204, 121, 167),
+    "light blue": (86, 180, 233),
+    "orange": (230, 159, 0),
+    "indigo": (51, 34, 136),
+    "wine": (136, 34, 85),
+    "olive": (153, 153, 51),
+    "grey": (119, 119, 119),
+    "teal": (68, 170, 153),
+    "purple": (170, 68, 153),
+    "sand": (221, 204, 119),
+    "brown": (140, 86, 48),
 }
+_MODELS = {
+    RESIDUAL: "blue",
+    FULL: "vermilion",
+    MLP: "green",
+    RESIDUAL_CRPS: "light blue",
+    FULL_CRPS: "orange",
+    RESIDUAL_ENSEMBLE: "indigo",
+    FULL_ENSEMBLE: "wine",
+    MLP_ENSEMBLE: "olive",
+    ENSEMBLE: "pink",
+    ORACLE: "grey",
+}
+_OTHER_MODELS = ("teal", "purple", "sand", "brown")
+_SERIES = ("blue", "vermilion", "green", "pink", "light blue", "orange")
 
 
-def series(index: int) -> Colour:
-    """The colour of the index-th of several series; repeats, lighter, after the sixth."""
-    turn, place = divmod(index, len(_SERIES))
-    red, green, blue = (channel + (255 - channel) * min(turn, 2) // 4 for channel in _SERIES[place])
-    return red, green, blue, 255
+def model_colour_names(models: Iterable[str]) -> dict[str, str]:
+    """The name of each model's colour, of the study's own models and of `models`.
 
-
-def faint(colour: Colour, alpha: int) -> Colour:
-    """The same colour, more transparent."""
-    return (*colour[:3], alpha)
+    Models that the study does not know take four further colours in turn, in alphabetical order.
+    """
+    unknown = sorted(set(models) - set(_MODELS))
+    return _MODELS | {
+        model: _OTHER_MODELS[index % len(_OTHER_MODELS)] for index, model in enumerate(unknown)
+    }
 
 
 def model_colours(models: Iterable[str]) -> dict[str, Colour]:
-    """A colour for each model, as in the figures; your own ones take turns."""
-    others = sorted(set(models) - set(MODELS))
-    return MODELS | {model: series(6 + i % 6) for i, model in enumerate(others)}
+    """The colour of each model, of the study's own models and of `models`."""
+    return {model: (*_RGB[name], 255) for model, name in model_colour_names(models).items()}
+
+
+def series(index: int) -> Colour:
+    """The colour of one of several series: six in turn, then the same six lighter."""
+    turn, position = divmod(index, len(_SERIES))
+    rgb = _RGB[_SERIES[position]]
+    red, green, blue = (channel + (255 - channel) * min(turn, 2) // 4 for channel in rgb)
+    return red, green, blue, 255
+
+
+def faint(colour: Colour, opacity: int) -> Colour:
+    """The same colour with another opacity, from 0 to 255."""
+    return (*colour[:3], opacity)
