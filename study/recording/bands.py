@@ -1,64 +1,63 @@
-"""Bands: quantiles of forecast and observed states, by dimension, over the horizon."""
-
-from typing import TYPE_CHECKING
+"""Bands: quantiles of observed and forecast states over the horizon, one plot a dimension."""
 
 import numpy as np
 import rerun as rr
 
 from study.common.arrays import Doubles, Floats
+from study.data.variables import Variable
 from study.plotting.palette import FORECAST, OBSERVED, faint
 from study.recording.streams import finite, send_scalars, style_lines
 
-if TYPE_CHECKING:
-    from study.envs.simulator import Variable
-
 TIMELINE = "horizon"
-LEVELS = (0.05, 0.25, 0.50, 0.75, 0.95)
-NAMES = [f"{source} {level:.0%}" for source in ("observed", "forecast") for level in LEVELS]
-# Of a longer horizon every second step (or third …) is recorded, to the last: bands are smooth, and
-# half of what a recording of forecasts takes.
+QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
+NAMES = [f"{source} {share:.0%}" for source in ("observed", "forecast") for share in QUANTILES]
+# Most steps that a band has. Bands are smooth, and make up half of a forecast recording.
 _STEPS = 40
 _WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
-_ALPHAS = (150, 200, 255, 200, 150)
+_OPACITIES = (150, 200, 255, 200, 150)
 
 
 def quantiles(states: Floats) -> Doubles:
-    """The quantiles 5, 25, 50, 75 and 95 % [5, T, D] of states [K, T, D].
+    """The quantiles `QUANTILES` [5, T, D] of states [K, T, D].
 
-    What is not finite is left out; where nothing is finite the quantile is NaN.
+    Values that are not finite are left out. Where no value is finite, the quantiles are NaN.
     """
     table = finite(states)
     lost = np.isnan(table).all(axis=0)
-    bands = np.nanquantile(np.where(lost, 0.0, table), LEVELS, axis=0)
+    bands = np.nanquantile(np.where(lost, 0.0, table), QUANTILES, axis=0)
     return np.where(lost, np.nan, bands)
 
 
 def log_bands(
-    stream: rr.RecordingStream,
-    entity: str,
-    observed: Doubles,
-    forecast: Doubles,
+    stream: rr.RecordingStream, entity: str, observed: Doubles, forecast: Doubles
 ) -> None:
-    """The bands [5, T] of one dimension as ten lines: observed, then forecast.
+    """Log the bands of one dimension as ten lines of one entity, named as in `NAMES`.
 
-    All in one entity: an entity, and each piece of it, costs more than what is in it. No
-    `Measurements` beside them to shade the bands: on one entity with `Scalars`, the viewer shades
-    around every line, and shows a forecast wider than it is.
+    One entity for all ten keeps the file small: each entity costs more than its numbers. Of a
+    horizon longer than 40 steps, every second (third, …) step is recorded, the last one included.
+
+    Args:
+        stream: the recording.
+        entity: the entity.
+        observed: [5, T], from `quantiles`.
+        forecast: [5, T].
     """
-    colours = [faint(c, a) for c in (OBSERVED, FORECAST) for a in _ALPHAS]
+    # The viewer could shade between quantiles of `Measurements`. Beside `Scalars` of one entity,
+    # however, it shades around every line, and the forecast would look wider than it is.
+    colours = [faint(colour, opacity) for colour in (OBSERVED, FORECAST) for opacity in _OPACITIES]
     style_lines(stream, entity, NAMES, colours, _WIDTHS * 2)
     horizon = observed.shape[1]
-    every = -(-horizon // _STEPS)
-    steps = np.arange(horizon, 0, -every)[::-1]
+    stride = -(-horizon // _STEPS)
+    steps = np.arange(horizon, 0, -stride)[::-1]
     values = np.concatenate([observed, forecast])[:, steps - 1].T
     send_scalars(stream, entity, TIMELINE, steps, values)
 
 
 def axis_range(observed: Doubles, forecast: Doubles) -> tuple[float, float] | None:
-    """A y axis for the bands [5, T]: it shows the observed ones and at most as much again.
+    """The y axis of a plot of bands [5, T]: the observed range, and at most as much on each side.
 
-    So a forecast that has diverged leaves the view instead of flattening what was observed. None
-    where the viewer's own choice, all that there is, shows the same: an axis takes a kilobyte.
+    A forecast that has diverged leaves the view, and does not flatten the observed bands. The
+    result is None where the viewer's own choice shows the same, since an axis takes a kilobyte.
     """
     if not np.isfinite(observed).any():
         return None
@@ -75,6 +74,6 @@ def axis_range(observed: Doubles, forecast: Doubles) -> tuple[float, float] | No
     return low - margin, high + margin
 
 
-def title(variable: "Variable") -> str:
-    """A variable's name and unit, as a plot's title."""
+def title(variable: Variable) -> str:
+    """The name and the unit of a variable, as the title of its plot."""
     return f"{variable.name} [{variable.unit}]" if variable.unit else variable.name

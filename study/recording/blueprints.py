@@ -1,4 +1,4 @@
-"""What each kind of recording looks like when it is opened: its views, and its timeline."""
+"""The layout of each kind of recording in the viewer: its views and its timeline."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -8,17 +8,18 @@ import rerun.blueprint as rrb
 from study.config.names import label
 from study.recording import charts
 from study.recording.properties import README
-from study.recording.spread import TITLE as SPREAD
+from study.recording.variance_split import TITLE as POSITION_STD
 
-# Below the root of a trajectory: a frame that moves along with it.
 FOLLOW = "follow"
+"""The entity, below the root of a trajectory, of a frame that moves along with it."""
 
 Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
+"""Title, entity and y axis of a plot; None leaves the axis to the viewer."""
 
-# A legend of more lines than these hides the plot.
+# Most lines of a legend; a longer one covers the plot.
 _LEGIBLE = 15
-# Which view of a training recording a metric belongs to: the first whose words its name contains.
+# The views of a training recording. A metric is in the first view of which its name has a word.
 _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("KL divergence [nat]", ("kl",)),
     ("Learning rate", ("lr", "learning_rate")),
@@ -31,7 +32,7 @@ _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
 def blueprint(
     timeline: str, *views: rrb.View | rrb.Container, playing: bool = False
 ) -> rrb.Blueprint:
-    """A page of views over one timeline. Nothing else is shown but a slim time panel."""
+    """A page of views over one timeline, with a slim time panel and no other panel."""
     return rrb.Blueprint(
         *views,
         rrb.TimePanel(
@@ -49,7 +50,7 @@ def blueprint(
 
 
 def readme(origin: str = README, name: str = "README") -> rrb.View:
-    """A Markdown panel."""
+    """A view of Markdown."""
     return rrb.TextDocumentView(origin=origin, name=name)
 
 
@@ -61,7 +62,15 @@ def plot(
     legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
     times: tuple[int, int] | None = None,
 ) -> rrb.View:
-    """Curves over the timeline; `span` is the range of the y axis, `times` that of the x axis."""
+    """A plot of curves over the timeline.
+
+    Args:
+        name: its title.
+        contents: the entities of the curves.
+        span: the range of the y axis; None leaves it to the viewer, as does `times`.
+        legend: the corner of the legend; None for no legend.
+        times: the range of the x axis.
+    """
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(contents),
@@ -73,12 +82,12 @@ def plot(
 
 
 def chart(name: str, origin: str) -> rrb.View:
-    """A chart that `charts.Chart` has drawn."""
+    """A view of a `charts.Chart`."""
     return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=charts.BOUNDS)
 
 
 def grid(views: Sequence[rrb.View], columns: int, name: str | None = None) -> rrb.Container:
-    """Views in rows of `columns`; a last row of one view is as wide as the others."""
+    """Views in rows of `columns`. A single view in the last row is as wide as the whole row."""
     if columns == 1 or len(views) < columns or len(views) % columns != 1:
         return rrb.Grid(*views, grid_columns=min(columns, len(views)), name=name)
     rows = len(views) // columns
@@ -87,7 +96,7 @@ def grid(views: Sequence[rrb.View], columns: int, name: str | None = None) -> rr
 
 
 def training(metrics: Sequence[str]) -> rrb.Blueprint:
-    """Training: metrics by what they are, in views of their own; all but the count of epochs."""
+    """Training: a view for each kind of metric. The number of the epoch is left out."""
     groups: dict[str, list[str]] = {}
     for metric in metrics:
         if metric.strip("/").split("/")[-1] == "epoch":
@@ -99,7 +108,7 @@ def training(metrics: Sequence[str]) -> rrb.Blueprint:
         plot(
             title,
             groups[title],
-            # One curve is what the title says.
+            # A single curve needs no legend beside the title.
             legend=rrb.Corner2D.RightTop if len(groups[title]) > 1 else None,
         )
         for title in titles
@@ -113,7 +122,7 @@ def training(metrics: Sequence[str]) -> rrb.Blueprint:
 
 
 def tuning() -> rrb.Blueprint:
-    """Tuning: the score over β, how each trial came to it, and the search as it went."""
+    """Tuning: the score over β, the scores during each trial, and the trials in their order."""
     return blueprint(
         "trial",
         rrb.Horizontal(
@@ -126,7 +135,7 @@ def tuning() -> rrb.Blueprint:
                 rrb.Horizontal(
                     plot(
                         "Score and best so far",
-                        ["/value/**", "/best"],
+                        ["/score/**", "/best"],
                         legend=rrb.Corner2D.RightTop,
                     ),
                     plot("log₁₀ β of each trial", ["/log10_beta"], legend=None),
@@ -146,13 +155,15 @@ def forecast(
     columns: int = 2,
     rows: int = 3,
 ) -> rrb.Blueprint:
-    """Forecasts: a tab a scenario with the scene in 3D, the probability of success, the bands.
+    """Forecasts: for each example a tab with the 3D scene, the success and the bands.
 
     Args:
-        roots: entity root of each scenario, by the tab's title.
-        bands: for each root, the title, entity and range of each state dimension's bands.
-        eyes: where each scene is looked at from.
-        split: the roots whose variance is split into aleatoric and epistemic.
+        roots: entity root of each example, by the tab's title.
+        bands: the bands of each state dimension, by root.
+        eyes: the viewpoint of each scene, by root.
+        split: the roots with a variance that is split into aleatoric and epistemic.
+        columns: of plots of bands.
+        rows: of plots of bands; further plots are on further tabs.
     """
     tabs = []
     for title, root in roots.items():
@@ -164,17 +175,12 @@ def forecast(
             )
             for page in _pages(bands[root], columns * rows)
         ]
-        scene = rrb.Spatial3DView(
-            origin="/",
-            contents=["/scene/**", f"{root}/scene/**", f"{root}/paths/**"],
-            name="Observed and forecast paths",
-            eye_controls=eyes[root],
-            line_grid=False,
-        )
+        contents = ["/scene/**", f"{root}/scene/**", f"{root}/paths/**"]
+        scene = _scene("Observed and forecast paths", contents, eyes[root])
         below: rrb.View | rrb.Container
         below = plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05))
         if root in split:
-            below = rrb.Horizontal(below, plot(SPREAD, [f"{root}/spread"]))
+            below = rrb.Horizontal(below, plot(POSITION_STD, [f"{root}/position_std"]))
         left = rrb.Vertical(scene, below, row_shares=[3, 2])
         right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]
         about = readme(f"{root}/about", "About this scenario")
@@ -183,15 +189,15 @@ def forecast(
 
 
 def scores(pages: Mapping[str, Mapping[str, Sequence[str]]], reliability: bool) -> rrb.Blueprint:
-    """Scores: the metrics over the horizon, overall and by dimension, and the reliability diagram.
+    """Scores: metrics over the horizon, averaged and by dimension, and the reliability diagram.
 
     Args:
-        pages: the entities of each view, by its title, by the page that it is on.
-        reliability: whether there is a reliability diagram; it stands on the first page.
+        pages: the entities of each view, by its title, by its page.
+        reliability: whether the first page has a reliability diagram.
     """
     tabs: list[rrb.Container] = []
     for title, curves in pages.items():
-        views = [_of_scores(name, entities) for name, entities in curves.items()]
+        views = [_score_plot(name, entities) for name, entities in curves.items()]
         if reliability and not tabs:
             views.append(chart("Reliability: probability of success", "/chart/reliability"))
         tabs.append(grid(views, 2, title))
@@ -201,28 +207,24 @@ def scores(pages: Mapping[str, Mapping[str, Sequence[str]]], reliability: bool) 
     return blueprint("horizon", rrb.Horizontal(readme(), shown, column_shares=[1, 3]))
 
 
-def _of_scores(name: str, entities: Sequence[str]) -> rrb.View:
-    """Ratios, of which 1 is right, keep to a range that shows it: first steps can be far off."""
+def _score_plot(name: str, entities: Sequence[str]) -> rrb.View:
+    """A plot of a metric; a ratio has a fixed range, since its first steps can be far off."""
     contents = [f"{entity}/**" for entity in entities]
     span = (0.0, 4.0) if "ratio" in name else None
-    # One curve is what the title says, and many are told apart by pointing at them.
+    # A single curve needs no legend, and a long legend covers the plot: hovering names a curve.
     legend = rrb.Corner2D.RightTop if 2 < len(entities) <= 8 else None
     return plot(name, contents, span=span, legend=legend)
 
 
-def _pages(
-    items: Sequence[tuple[str, str, Range | None]], most: int
-) -> list[list[tuple[str, str, Range | None]]]:
-    """The items in as few pages of at most `most` as will do, of nearly equal length."""
+def _pages(items: Sequence[Band], most: int) -> list[list[Band]]:
+    """The items on as few pages of at most `most` items as possible, of nearly equal length."""
     count = -(-len(items) // most)
     length = -(-len(items) // count)
     return [list(items[start : start + length]) for start in range(0, len(items), length)]
 
 
 def _training_view(metric: str) -> str:
-    """The title of a metric's view; what is logged of the ensemble stays apart from the model's."""
-    if metric.strip("/").startswith("ensemble/"):
-        return f"Ensemble: {_training_view(metric.strip('/').removeprefix('ensemble/')).lower()}"
+    """The title of a metric's view."""
     words = metric.lower().replace("/", "_").replace("-", "_").split("_")
     text = "_".join(words)
     for title, keys in _TRAINING_VIEWS:
@@ -237,13 +239,13 @@ def data(
     eyes: Mapping[str, rrb.EyeControls3D],
     close_up: rrb.EyeControls3D | None,
 ) -> rrb.Blueprint:
-    """Training data: a tab a trajectory, with the scene in 3D and every signal of all of them.
+    """Training data: for each selected trajectory a tab with the 3D scene and every signal.
 
     Args:
-        roots: entity root of each trajectory that has a tab, by the tab's title.
-        signals: title and entity of each signal, by the page that they are on.
-        eyes: where each scene is looked at from.
-        close_up: an eye of their own for bodies that are too small beside their paths.
+        roots: entity root of each selected trajectory, by the tab's title.
+        signals: title and entity of each signal, by its page.
+        eyes: the viewpoint of each scene, by root.
+        close_up: the viewpoint of a close-up of the bodies; None for no close-up.
     """
     tabs = []
     for title, root in roots.items():
@@ -278,12 +280,12 @@ def study(
     span: Range,
     texts: Mapping[str, str],
 ) -> rrb.Blueprint:
-    """A whole study: the discrepancy of all cells, a plot an environment, and what it comes to.
+    """A whole study: the MMD² of all cells, in a plot for each environment, above the texts.
 
     Args:
         curves: the entities of each plot, by environment.
         horizons: the last step of each environment.
-        span: the range of all plots, which makes environments comparable.
+        span: the y axis of all plots, which makes environments comparable.
         texts: the entity of each text, by its title.
     """
     plots = []
@@ -295,7 +297,7 @@ def study(
                 entities,
                 span=span,
                 legend=rrb.Corner2D.RightTop if legible else None,
-                # The legend stands beside the curves, not on them.
+                # Room for the legend beside the curves.
                 times=(1, 4 * horizon // 3 if legible else horizon),
             )
         )
@@ -305,7 +307,7 @@ def study(
 
 
 def _time_axis(first: int, last: int) -> rrb.TimeAxis:
-    """An x axis from one time to another."""
+    """An x axis from the time `first` to the time `last`."""
     ends = (rr.TimeRangeBoundary.absolute(seq=time) for time in (first, last))
     return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
 
@@ -313,7 +315,7 @@ def _time_axis(first: int, last: int) -> rrb.TimeAxis:
 def _scene(
     name: str, contents: Sequence[str], eye: rrb.EyeControls3D, origin: str = "/"
 ) -> rrb.View:
-    """A scene in 3D, in the frame of the entity `origin`, without Rerun's own grid."""
+    """A 3D view in the frame of the entity `origin`, without Rerun's grid."""
     return rrb.Spatial3DView(
         origin=origin, contents=list(contents), name=name, eye_controls=eye, line_grid=False
     )

@@ -1,6 +1,6 @@
-"""Scatter and line charts in a Rerun 2D view, whose plots know no x axis but time.
+"""Scatter and line charts in a 2D view of Rerun, whose own plots have time as their only x axis.
 
-A chart is a box of 1.6 × 1 units with y upwards; data are placed in it by their axes.
+A chart is a box of 1.6 × 1 units, in which the axes place the data. The y axis points up.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,20 @@ from study.common.arrays import Doubles, Floats
 from study.plotting.palette import FRAME, faint
 
 WIDTH = 1.6
-# What a view shows around the box, to have room for the labels.
+# The part of the plane that a view shows: the box and room for its labels.
 BOUNDS = rrb.VisualBounds2D(x_range=(-0.24, WIDTH + 0.08), y_range=(-1.17, 0.2))
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a chart: what it says and what it spans."""
+    """One axis of a chart.
+
+    Attributes:
+        label: its text.
+        low: the value at its lower end.
+        high: the value at its upper end.
+        logarithmic: whether its scale is logarithmic.
+    """
 
     label: str
     low: float
@@ -30,12 +37,12 @@ class Axis:
 
     @classmethod
     def around(cls, label: str, values: ArrayLike, logarithmic: bool = False) -> "Axis":
-        """The axis that spans the finite ones of `values`, with a margin."""
-        table = np.asarray(values, dtype=np.float64)
-        table = table[np.isfinite(table) & ((table > 0) | (not logarithmic))]
-        if not table.size:
+        """The axis that spans the finite values, with a margin."""
+        numbers = np.asarray(values, dtype=np.float64)
+        numbers = numbers[np.isfinite(numbers) & ((numbers > 0) | (not logarithmic))]
+        if not numbers.size:
             return cls(label, 0.1, 1.0, logarithmic)
-        low, high = float(table.min()), float(table.max())
+        low, high = float(numbers.min()), float(numbers.max())
         if logarithmic:
             margin = max(1.2, (high / low) ** 0.05)
             return cls(label, low / margin, high * margin, True)
@@ -43,42 +50,42 @@ class Axis:
         return cls(label, low - margin, high + margin)
 
     def place(self, values: ArrayLike) -> Doubles:
-        """Values to the interval [0, 1] of the axis."""
-        table = np.asarray(values, dtype=np.float64)
+        """The positions of values [N] on the axis, from 0 at `low` to 1 at `high`."""
+        numbers = np.asarray(values, dtype=np.float64)
         low, high = self.low, self.high
         if self.logarithmic:
-            positive = np.where(table > 0, table, np.nan)
-            table, low, high = np.log(positive), np.log(low), np.log(high)
-        return np.asarray((table - low) / (high - low))
+            positive = np.where(numbers > 0, numbers, np.nan)
+            numbers, low, high = np.log(positive), np.log(low), np.log(high)
+        return np.asarray((numbers - low) / (high - low))
 
     def ticks(self) -> Doubles:
-        """Round numbers within the axis."""
+        """Round numbers between `low` and `high`."""
         if self.logarithmic:
             locator = LogLocator(base=10, subs=(1.0,), numticks=9)
-            found = np.asarray(locator.tick_values(self.low, self.high))
-            if np.sum((found >= self.low) & (found <= self.high)) < 2:
+            ticks = np.asarray(locator.tick_values(self.low, self.high))
+            if np.sum((ticks >= self.low) & (ticks <= self.high)) < 2:
                 locator = LogLocator(base=10, subs=(1.0, 2.0, 5.0), numticks=9)
-                found = np.asarray(locator.tick_values(self.low, self.high))
+                ticks = np.asarray(locator.tick_values(self.low, self.high))
         else:
-            found = np.asarray(MaxNLocator(5).tick_values(self.low, self.high))
+            ticks = np.asarray(MaxNLocator(5).tick_values(self.low, self.high))
         slack = 1e-9 * abs(self.high - self.low)
-        return np.asarray(found[(found >= self.low - slack) & (found <= self.high + slack)])
+        return np.asarray(ticks[(ticks >= self.low - slack) & (ticks <= self.high + slack)])
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Two axes."""
+    """A chart with an x and a y axis."""
 
     x: Axis
     y: Axis
 
     def place(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Points [N, 2] of the view from data x [N] and y [N]; those not finite are dropped."""
+        """Points [N, 2] of the view from x [N] and y [N], without those that are not finite."""
         points = np.column_stack([WIDTH * self.x.place(x), -self.y.place(y)])
         return points[np.isfinite(points).all(axis=1)].astype(np.float32)
 
-    def draw(self, stream: rr.RecordingStream, entity: str) -> None:
-        """Frame, grid, ticks and labels of the axes."""
+    def log_axes(self, stream: rr.RecordingStream, entity: str) -> None:
+        """Log the frame, the grid, the ticks and the labels."""
         frame = [[[0, 0], [WIDTH, 0], [WIDTH, -1], [0, -1], [0, 0]]]
         grid = [[[WIDTH * p, 0], [WIDTH * p, -1]] for p in self.x.place(self.x.ticks())]
         grid += [[[0, -p], [WIDTH, -p]] for p in self.y.place(self.y.ticks())]

@@ -1,7 +1,7 @@
-"""The scenarios that recordings and figures show, each chosen by a stated rule."""
+"""The examples of a cell: scenarios that recordings and figures show, each chosen by a rule."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,123 +9,136 @@ import pandas as pd
 from study.common.arrays import Doubles, Floats, Integers
 from study.data.storage import Arrays, load_arrays
 from study.envs.simulator import Simulator
-from study.metrics.variance import Decomposition, decompose, split
-from study.recording.forecasts import Example
+from study.metrics.variance import Decomposition, decompose
 
-SHOWN = 40
-"""Paths of an illustration, at most: more would only cover each other."""
+MOST_UNCERTAIN = "most uncertain outcome"
+"""The rule that chooses the scenario whose observed probability of success is closest to 1/2."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """One scenario with its observed and forecast trajectories, in SI units.
+
+    Attributes:
+        title: a few words that name it.
+        description: a sentence that says where it comes from.
+        s0: [D].
+        actions: [T, A].
+        goal: [G].
+        observed: [K, T, D], the observed states s_1 … s_T.
+        forecast: [K, T, D], the forecast states.
+        member: [K] integers, the ensemble member behind each forecast, or None. Numbers of M or
+            more stand for pairs of networks: the recurrent one is `member` mod M.
+        members: [M, T, D], the members' own forecasts, without noise, or None.
+        aleatoric: [T], aleatoric variance of the forecast position in m², summed over its axes;
+            None without an ensemble.
+        epistemic: [T], epistemic variance of the forecast position in m², likewise.
+    """
+
+    title: str
+    description: str
+    s0: Floats
+    actions: Floats
+    goal: Floats
+    observed: Floats
+    forecast: Floats
+    member: Integers | None = None
+    members: Floats | None = None
+    aleatoric: Doubles | None = None
+    epistemic: Doubles | None = None
 
 
 def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
-    """Up to `count` different scenarios, each with the rule by which it was chosen."""
+    """Up to `count` different scenarios by the rules that choose them.
 
-    def by_scenario(metric: str) -> Doubles:
-        rows = scores[(scores.metric == metric) & (scores.scenario >= 0) & (scores.step == -1)]
-        rows = rows[rows.dimension == "all"]
-        return np.asarray(rows.sort_values("scenario").value)
+    A scenario that two rules choose has the name of the first rule.
 
-    discrepancy = np.nan_to_num(by_scenario("mmd2"), nan=np.inf)
-    forecast, observed = by_scenario("forecast_probability"), by_scenario("observed_probability")
-    order = np.argsort(discrepancy, kind="stable")
+    Args:
+        scores: the tidy scores of one cell; see `study.metrics.tables.table`.
+        count: the number of examples; fewer if the test set has fewer scenarios.
+    """
+    mmd2 = np.nan_to_num(_by_scenario(scores, "mmd2"), nan=np.inf)
+    forecast = _by_scenario(scores, "forecast_probability")
+    observed = _by_scenario(scores, "observed_probability")
+    order = np.argsort(mmd2, kind="stable")
     rules = {
         "median MMD²": order[len(order) // 2],
         "lowest MMD²": order[0],
         "highest MMD²": order[-1],
-        "most uncertain outcome": np.argmin(np.abs(observed - 0.5)),
-        "forecast most too hopeful": np.argmax(forecast - observed),
-        "forecast most too doubtful": np.argmax(observed - forecast),
+        MOST_UNCERTAIN: np.argmin(np.abs(observed - 0.5)),
+        "success most overestimated": np.argmax(forecast - observed),
+        "success most underestimated": np.argmax(observed - forecast),
         "90 % quantile of MMD²": order[int(0.9 * (len(order) - 1))],
         "10 % quantile of MMD²": order[int(0.1 * (len(order) - 1))],
     }
     rules |= {f"scenario {index}": index for index in range(len(order))}
-    chosen: dict[str, int] = {}
+    examples: dict[str, int] = {}
     for rule, index in rules.items():
-        if len(chosen) < count and int(index) not in chosen.values():
-            chosen[rule] = int(index)
-    return chosen
+        if len(examples) < count and int(index) not in examples.values():
+            examples[rule] = int(index)
+    return examples
+
+
+def _by_scenario(scores: pd.DataFrame, metric: str) -> Doubles:
+    """One metric of each scenario [S], averaged over dimensions and steps."""
+    rows = scores[(scores.metric == metric) & (scores.scenario >= 0) & (scores.step == -1)]
+    rows = rows[rows.dimension == "all"]
+    return np.asarray(rows.sort_values("scenario").value)
 
 
 def read_examples(path: Path, scores: pd.DataFrame, simulator: Simulator) -> list[Example]:
-    """What stage evaluate picked; with an ensemble, the variance of the position in its parts."""
+    """Read the examples that the stage evaluate wrote.
+
+    Args:
+        path: ``examples.safetensors``.
+        scores: the tidy scores of the same cell.
+        simulator: the real system.
+
+    Raises:
+        StudyError: the file is missing or damaged.
+    """
     arrays, facts = load_arrays(path)
-    discrepancy = scores[
-        (scores.metric == "mmd2") & (scores.step == -1) & (scores.dimension == "all")
-    ].set_index("scenario")["value"]
+    mmd2 = _by_scenario(scores, "mmd2")
     return [
-        as_example(
+        build_example(
             arrays,
             row,
             simulator,
-            int(scenario),
-            f"{rule}: MMD² {discrepancy[scenario]:.4f} in scenario {scenario}",
+            rule,
+            f"Scenario {scenario} of the test set, chosen by this rule: *{rule}*. "
+            f"Its MMD² is {mmd2[scenario]:.4f}.",
         )
         for row, (scenario, rule) in enumerate(zip(arrays["scenario"], facts["rules"], strict=True))
     ]
 
 
-def as_example(
-    arrays: Arrays, row: int, simulator: Simulator, scenario: int | None, rule: str
+def build_example(
+    arrays: Arrays, row: int, simulator: Simulator, title: str, description: str
 ) -> Example:
-    """One row of what stage evaluate keeps of its examples; with an ensemble, the spread in parts."""
-    each = ("s0", "actions", "goal", "observed", "forecast", "member", "members")
-    of_pick = {name: arrays[name][row] for name in each if name in arrays}
-    if "member" in of_pick:
-        parts = position_variance(simulator, of_pick["forecast"], of_pick["member"])
-        of_pick |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
-    return Example(scenario=scenario, rule=rule, **of_pick)
+    """The example in one row of the arrays that `study.models.forecasting.picked` collects.
+
+    With an ensemble, the variance of the position is split into its two parts.
+    """
+    names = ("s0", "actions", "goal", "observed", "forecast", "member", "members")
+    values = {name: arrays[name][row] for name in names if name in arrays}
+    if "member" in values:
+        parts = position_variance(simulator, values["forecast"], values["member"])
+        values |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
+    return Example(title=title, description=description, **values)
 
 
 def position_variance(
     simulator: Simulator, states: Floats, member: Integers | None = None
 ) -> Decomposition:
-    """Variance of the position over the horizon [T] in m², summed over its axes, and its parts.
+    """Variance of the position in m², summed over its axes, and its parts, over the horizon [T].
 
-    Unbiased: of few samples a member, the members' means differ by chance too.
+    The parts are unbiased: that the means of few samples differ by chance does not count as
+    epistemic. See `study.metrics.variance.decompose`.
 
     Args:
         simulator: knows the position.
         states: [K, T, D].
-        member: [K], the ensemble member behind each; None without an ensemble.
+        member: [K], the ensemble member behind each sample; None without an ensemble.
     """
     parts = decompose(simulator.position(states)[None], None if member is None else member[None])
     return Decomposition(*(part.sum(axis=-1) for part in vars(parts).values()))
-
-
-def illustrate(
-    simulator: Simulator, examples: Arrays, rules: list[str]
-) -> tuple[Arrays, dict[str, Any]]:
-    """Of one example, that whose outcome is most uncertain, what a picture of it needs.
-
-    Positions from s_0 on, ``observed`` and ``forecast`` [K, T+1, 3] and ``members`` [M, T+1, 3] in
-    m; ``member`` [K]; ``target`` [3]; and the variances of the position over the horizon [T] in m²,
-    ``aleatoric``, ``epistemic``, and ``observed_variance``.
-    """
-    rule = "most uncertain outcome"
-    example = rules.index(rule) if rule in rules else 0
-    forecast, observed = examples["forecast"][example], examples["observed"][example]
-    start = examples["s0"][example]
-
-    def path(states: Floats) -> Floats:
-        first = np.broadcast_to(start, (len(states), 1, len(start)))
-        return simulator.position(np.concatenate([first, states], axis=1))
-
-    member = examples["member"][example]
-    parts = split(simulator.position(forecast)[None], member[None])
-    arrays = {
-        "observed": path(observed)[:SHOWN],
-        "forecast": path(forecast)[:SHOWN],
-        "member": member[:SHOWN],
-        "members": path(examples["members"][example]),
-        "target": simulator.target(examples["goal"][example]),
-        "aleatoric": parts.aleatoric[0].sum(-1),
-        "epistemic": parts.epistemic[0].sum(-1),
-        "observed_variance": simulator.position(observed).var(axis=0, dtype=np.float64).sum(-1),
-    }
-    facts = {
-        "rule": rules[example],
-        "scenario": int(examples["scenario"][example]),
-        "radius": simulator.radius,
-        "control_step": simulator.control_step,
-        "samples": len(forecast),
-    }
-    return arrays, facts

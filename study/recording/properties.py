@@ -1,4 +1,4 @@
-"""What a recording says about itself: its properties and its README panel."""
+"""The properties of a recording, and its panels of text."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,32 +10,32 @@ Property = str | int | float
 Properties = Mapping[str, Property]
 
 README = "/readme"
-# The one property that Rerun files under this name holds all of ours.
+# Rerun stores all properties of a recording as the fields of one property of this name.
 GROUP = "study"
 
 
 def write_properties(stream: rr.RecordingStream, name: str, properties: Properties) -> None:
-    """Name the recording, and attach its properties (cell, seed, config as JSON, versions …)."""
+    """Set the name of the recording and its properties, such as cell, seed and settings."""
     stream.send_recording_name(name)
     if properties:
-        # Given bare values, Rerun drops one whose type differs from the last of that name in this
-        # process: a seed that is a number here, and text there.
+        # Rerun drops a bare value whose type differs from that of an earlier property of this name
+        # in the process, such as a seed that is a number in one recording and text in another.
         typed = {name: pa.array([value]) for name, value in properties.items()}
         stream.send_property(GROUP, rr.AnyValues(**typed))
 
 
 def write_readme(stream: rr.RecordingStream, text: str, properties: Properties) -> None:
-    """The README panel: `text` (Markdown), then every property in a table."""
+    """Write the README panel: `text` (Markdown), then every property in a table."""
     write_markdown(stream, README, f"{text.strip()}\n\n{describe(properties)}")
 
 
 def write_markdown(stream: rr.RecordingStream, entity: str, text: str) -> None:
-    """A Markdown panel that holds for all time."""
+    """Write a panel of Markdown, which does not change over time."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def describe(properties: Properties) -> str:
-    """The properties in Markdown; a value that is JSON becomes an indented block of its own."""
+    """The properties in Markdown: a table, and an indented block for each value that is JSON."""
     short, blocks = [], []
     for key, value in properties.items():
         block = _indented(value) if isinstance(value, str) else None
@@ -51,18 +51,16 @@ def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """A Markdown table."""
     lines = [header, ("---",) * len(header), *rows]
     return "\n".join(
-        "| " + " | ".join(cell.replace("|", r"\|") for cell in r) + " |" for r in lines
+        "| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in lines
     )
 
 
 def _indented(value: str) -> str | None:
-    """`value` as indented JSON if it is a JSON object or list."""
+    """`value` with indentation if it is a JSON object or list, else None."""
     try:
         parsed = json.loads(value)
     except ValueError:
         return None
-    return (
-        json.dumps(parsed, indent=2, ensure_ascii=False)
-        if isinstance(parsed, dict | list)
-        else None
-    )
+    if not isinstance(parsed, dict | list):
+        return None
+    return json.dumps(parsed, indent=2, ensure_ascii=False)

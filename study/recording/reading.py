@@ -17,7 +17,7 @@ _NAMES = "SeriesLines:names"
 
 
 def entities(path: Path) -> list[str]:
-    """Every entity path of a recording, sorted, without Rerun's own.
+    """Every entity path of a recording, sorted, without those of Rerun itself.
 
     Raises:
         StudyError: the file is missing or is not a recording.
@@ -27,24 +27,22 @@ def entities(path: Path) -> list[str]:
 
 
 def scalars(path: Path, entity: str) -> pd.DataFrame:
-    """The scalars of one entity, indexed by their timeline, in the order of time.
+    """The scalars of one entity [N, C], indexed by their timeline, in the order of time.
 
-    One column a series: by the name that the plot gives it where there are several, else `value`.
+    A single series is the column `value`; several have the names that the plot gives them.
 
     Raises:
-        StudyError: the file cannot be read, or it holds no scalars of that name.
+        StudyError: the file cannot be read, or has no scalars of that name.
     """
     entity = "/" + entity.strip("/")
     frames = _frames(_chunks(path, entity))
     if entity not in frames:
-        raise StudyError(
-            f"{path} holds no scalars of '{entity}': {nearest(entity, entities(path))}"
-        )
+        raise StudyError(f"{path} has no scalars '{entity}': {nearest(entity, entities(path))}")
     return frames[entity]
 
 
 def scalars_below(path: Path, entity: str) -> dict[str, pd.DataFrame]:
-    """The scalars of an entity and of all below it, each as `scalars` gives them, in one reading.
+    """The scalars of an entity and of all below it, by entity, from reading the file once.
 
     Raises:
         StudyError: the file is missing or is not a recording.
@@ -53,25 +51,26 @@ def scalars_below(path: Path, entity: str) -> dict[str, pd.DataFrame]:
 
 
 def properties(path: Path) -> dict[str, str | int | float]:
-    """The properties of a recording, as they were given when it was written.
+    """The properties that a recording was written with.
 
     Raises:
         StudyError: the file is missing or is not a recording.
     """
-    found: dict[str, str | int | float] = {}
+    values: dict[str, str | int | float] = {}
     for chunk in _chunks(path, f"/__properties/{GROUP}"):
         batch = chunk.to_record_batch()
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if not name.startswith("rerun."):
-                found[name] = column.to_pylist()[-1][0]
-    return found
+                values[name] = column.to_pylist()[-1][0]
+    return values
 
 
 def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
+    """The chunks of a recording, or those of one entity (or pattern of entities)."""
     if not Path(path).is_file():
         raise StudyError(f"recording {path} is missing")
     try:
-        # Not by way of the footer, which a recording of many small entities does without.
+        # Recordings of many small entities are written without a footer.
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "RRD file has no footer")
             reader = RrdReader(path)
@@ -83,7 +82,7 @@ def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
 
 
 def _frames(chunks: Iterator[Any]) -> dict[str, pd.DataFrame]:
-    """By entity path, sorted: the scalars of all chunks together, under the names of the series."""
+    """The scalars of all chunks, by entity path in sorted order; a column a series."""
     parts: dict[str, list[pd.DataFrame]] = {}
     names: dict[str, list[str]] = {}
     for chunk in chunks:
@@ -104,7 +103,7 @@ def _frames(chunks: Iterator[Any]) -> dict[str, pd.DataFrame]:
 
 
 def _frame(batch: pa.RecordBatch) -> pd.DataFrame:
-    """One chunk: a row a time, a column a scalar."""
+    """The scalars of one chunk: a row a time, a column a scalar."""
     timelines = [f.name for f in batch.schema if (f.metadata or {}).get(b"rerun:kind") == b"index"]
     index = pd.Index(batch.column(timelines[0]).to_pylist(), name=timelines[0])
     return pd.DataFrame(batch.column(_SCALARS).to_pylist(), index=index)

@@ -1,7 +1,7 @@
-"""MuJoCo scenes in Rerun: the shapes of a model once, its bodies' motion along a timeline.
+"""MuJoCo scenes in Rerun: the shapes of a model once, the motion of its bodies over a timeline.
 
-The entities mirror the model: `root/body/kind of geom`. A body carries the transform
-to the world's frame; its geoms lie in the body's frame.
+The entities mirror the model: `root/body/kind of geom`. A body holds the transform to the world's
+frame, and its geoms are in the frame of the body.
 """
 
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from study.common.arrays import Array, Doubles, Floats, Pixels
-from study.recording.streams import entity_path, time_column
+from study.recording.streams import entity_below, time_column
 
-# MuJoCo's viewer hides groups 3 to 5 too: that is where collision shapes are kept.
+# MuJoCo's own viewer hides groups 3 to 5 too: by convention they hold collision shapes.
 _VISIBLE_GROUPS = range(3)
 _THICKNESS = 1e-3
-# Which geoms are drawn as what; height fields and signed distance fields are left out.
+# The kind as which each geom is drawn; height fields and signed distance fields are left out.
 _KINDS = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): "planes",
     int(mujoco.mjtGeom.mjGEOM_BOX): "boxes",
@@ -31,21 +31,22 @@ _KINDS = {
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
-    """The bodies that some joint can move."""
+    """The numbers of the bodies that a joint can move."""
     return [body for body in range(model.nbody) if model.body_weldid[body] != 0]
 
 
 def fixed_bodies(model: mujoco.MjModel) -> list[int]:
-    """The world, and whatever is welded to it."""
+    """The numbers of the world and of the bodies that are welded to it."""
     return [body for body in range(model.nbody) if model.body_weldid[body] == 0]
 
 
 def log_bodies(
     stream: rr.RecordingStream, root: str, model: mujoco.MjModel, bodies: Sequence[int]
 ) -> None:
-    """The visible geoms of some bodies, for all time, in the bodies' frames.
+    """Log the visible geoms of `bodies`, static, each in the frame of its body.
 
-    Those of one kind and body share an entity, `root/body/boxes`: an entity costs kilobytes.
+    Geoms of one kind and body share an entity such as `root/body/boxes`, since each entity takes
+    kilobytes.
     """
     for body in bodies:
         kinds: dict[str, list[int]] = {}
@@ -71,7 +72,7 @@ def log_motion(
     timeline: str,
     times: ArrayLike,
 ) -> None:
-    """Where some bodies are at each of the N times, from MuJoCo's qpos [N, nq]."""
+    """Log the poses of `bodies` at each of the times [N], from MuJoCo's qpos [N, nq]."""
     positions, rotations = body_poses(model, np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
     for body in bodies:
         columns = rr.Transform3D.columns(
@@ -88,7 +89,7 @@ def log_poses(
     bodies: Sequence[int],
     qpos: ArrayLike,
 ) -> None:
-    """Where some bodies are for all time, from one qpos [nq]."""
+    """Log the static poses of `bodies`, from one qpos [nq]."""
     positions, rotations = body_poses(model, np.atleast_2d(np.asarray(qpos, dtype=np.float64)))
     for body in bodies:
         pose = rr.Transform3D(
@@ -98,13 +99,15 @@ def log_poses(
 
 
 def body_poses(model: mujoco.MjModel, qpos: Doubles) -> tuple[Floats, Floats]:
-    """World positions [N, B, 3] and rotations [N, B, 4] (xyzw) of all bodies for qpos [N, nq].
+    """Positions [N, B, 3] in m and rotations [N, B, 4] of all B bodies, from qpos [N, nq].
+
+    Both are in the world's frame; a rotation is a quaternion (x, y, z, w).
 
     Raises:
-        ValueError: a configuration is not of the model's size.
+        ValueError: the length of qpos is not that of the model.
     """
     if qpos.shape[-1] != model.nq:
-        raise ValueError(f"a configuration has {model.nq} numbers, not {qpos.shape[-1]}")
+        raise ValueError(f"qpos: got {qpos.shape[-1]} numbers; the model has {model.nq}")
     data = mujoco.MjData(model)
     positions = np.empty((len(qpos), model.nbody, 3), dtype=np.float32)
     rotations = np.empty((len(qpos), model.nbody, 4), dtype=np.float32)
@@ -116,18 +119,24 @@ def body_poses(model: mujoco.MjModel, qpos: Doubles) -> tuple[Floats, Floats]:
     return positions, rotations
 
 
+def finite_steps(states: Floats) -> int:
+    """How many states of [T, D] come before the first that is not finite; at least one."""
+    lost = ~np.isfinite(states).all(axis=-1)
+    return max(1, int(lost.argmax())) if lost.any() else len(states)
+
+
 def xyzw(quaternions: Array) -> Array:
     """MuJoCo's quaternions [..., 4] (w first) as Rerun's (w last)."""
     return np.roll(quaternions, -1, axis=-1)
 
 
 def _body_path(root: str, model: mujoco.MjModel, body: int, *below: str) -> str:
-    parts = [part for part in root.split("/") if part]
-    return entity_path(*parts, model.body(body).name or f"body_{body}", *below)
+    """The entity of a body, or of something below it."""
+    return entity_below(root, model.body(body).name or f"body_{body}", *below)
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> Pixels:
-    """Its own colour or its material's; of a texture the mean."""
+    """The colour of a geom or of its material; with a texture, times the mean of the texture."""
     material = int(model.geom_matid[geom])
     if material < 0:
         rgba = model.geom_rgba[geom].copy()
@@ -144,47 +153,48 @@ def _colour(model: mujoco.MjModel, geom: int) -> Pixels:
 
 
 def _shapes(model: mujoco.MjModel, kind: str, geoms: list[int]) -> rr.AsComponents:
-    """Geoms of one kind in their body's frame."""
+    """The geoms of one kind and one body, in the frame of the body."""
     size, centres = model.geom_size[geoms], model.geom_pos[geoms]
-    look: dict[str, Any] = {
+    style: dict[str, Any] = {
         "colors": [_colour(model, geom) for geom in geoms],
         "quaternions": xyzw(model.geom_quat[geoms]),
         "fill_mode": rr.components.FillMode.Solid,
     }
     if kind == "boxes":
-        return rr.Boxes3D(half_sizes=size, centers=centres, **look)
+        return rr.Boxes3D(half_sizes=size, centers=centres, **style)
     if kind == "planes":
-        # Size 0 means endless: drawn as far as the rest of the model reaches.
+        # Size 0 means an infinite plane: it is drawn larger than the rest of the model.
         half = np.where(size > 0, size, 3 * model.stat.extent)
         half[:, 2] = _THICKNESS
-        return rr.Boxes3D(half_sizes=half, centers=centres, **look)
+        return rr.Boxes3D(half_sizes=half, centers=centres, **style)
     if kind == "ellipsoids":
         spheres = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE
         half = np.where(spheres[:, None], size[:, :1], size)
-        return rr.Ellipsoids3D(half_sizes=half, centers=centres, **look)
+        return rr.Ellipsoids3D(half_sizes=half, centers=centres, **style)
     lengths, radii = 2 * size[:, 1], size[:, 0]
     if kind == "cylinders":
-        return rr.Cylinders3D(lengths=lengths, radii=radii, centers=centres, **look)
+        return rr.Cylinders3D(lengths=lengths, radii=radii, centers=centres, **style)
     starts = [
         capsule_start(centre, model.geom_quat[geom], float(half))
         for geom, centre, half in zip(geoms, centres, size[:, 1], strict=True)
     ]
-    return rr.Capsules3D(lengths=lengths, radii=radii, translations=starts, **look)
+    return rr.Capsules3D(lengths=lengths, radii=radii, translations=starts, **style)
 
 
 def capsule_start(centre: Doubles, quaternion: Doubles, half_length: float) -> Doubles:
-    """Rerun's capsule runs from z = 0 to its length, MuJoCo's from −half to +half of its length."""
+    """The start [3] of a capsule: Rerun measures it from one end, MuJoCo from its centre."""
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.0, 0.0, -half_length]), quaternion)
     return np.asarray(centre + offset)
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> rr.Mesh3D:
+    """The mesh of a geom, in the frame of its body."""
     mesh = int(model.geom_dataid[geom])
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-    placed = vertices @ rotation.reshape(3, 3).T + model.geom_pos[geom]
-    look = rr.AlbedoFactor(_colour(model, geom))
-    return rr.Mesh3D(vertex_positions=placed, triangle_indices=faces, albedo_factor=look)
+    positions = vertices @ rotation.reshape(3, 3).T + model.geom_pos[geom]
+    albedo = rr.AlbedoFactor(_colour(model, geom))
+    return rr.Mesh3D(vertex_positions=positions, triangle_indices=faces, albedo_factor=albedo)

@@ -1,4 +1,4 @@
-"""The recording of a cell's scores: the same numbers as in its table, over the horizon."""
+"""``scores.rrd``: the scores of a cell over the horizon, by dimension and by scenario."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
+from study.common.arrays import Doubles
 from study.plotting.palette import FORECAST, REFERENCE, faint, series
 from study.recording import blueprints
 from study.recording.charts import WIDTH, Axis, Chart
@@ -27,7 +28,7 @@ _TITLES = {
     "forecast_probability": "forecast probability",
     "observed_probability": "observed frequency",
 }
-# Over the horizon these are recorded; the table holds more.
+# Metrics that are recorded over the horizon, and those by scenario; the table of scores has more.
 _STEPWISE = ("mmd2", "mmd2_joint", "crps", "variance_ratio", "aleatoric_ratio")
 _BY_SCENARIO = (
     "mmd2",
@@ -38,41 +39,44 @@ _BY_SCENARIO = (
     "observed_probability",
 )
 _COVERAGES = ("coverage_50", "coverage_80", "coverage_90")
-# Right is 1.
+# Metrics whose ideal value is 1.
 _RATIOS = ("variance_ratio", "aleatoric_ratio")
-# Of these the table names outcomes in place of dimensions.
+# Metrics whose dimension, in the table of scores, is the name of an outcome.
 _OF_OUTCOMES = ("brier", "forecast_probability", "observed_probability")
 _OVERVIEW = "Overview"
 _PAGES = dict.fromkeys(_RATIOS, "Variances") | {"mmd2_joint": "By dimension"}
 _README = """
 # Scores
 
-How well the forecasts of this cell agree with what was observed, on the test scenarios.
+How well the forecasts of this cell agree with the observed trajectories of the test scenarios. In
+the plots, **blue** is the average over all dimensions of the state, and grey is the ideal value.
 
-- **MMD²** (Gaussian kernel; lower is better, 0 if the two distributions are the same) at each step
-  of the horizon, averaged over dimensions, and for each dimension.
-- **Variance ratio**: the forecasts' variance over the observed; 1 is right, less is too sure of
-  itself, more is too cautious.
-- **Aleatoric ratio**: the same for what the model holds to be aleatoric. Above 1 with little data,
-  epistemic uncertainty has been counted twice.
-- **CRPS** in standard deviations of the training data: the error of the whole distribution.
-- **Coverage**: the share of what was observed that lies in the forecasts' central intervals.
-- **Reliability**: one dot a scenario; of the scenarios to which the model gives a probability p, a
-  share p should succeed. The line joins the means of ten bins; on the diagonal is right.
+- **MMD²** (maximum mean discrepancy, with a Gaussian kernel): the distance between the forecast and
+  the observed distribution at each step. Lower is better; 0 if the two are the same.
+- **CRPS** (continuous ranked probability score): the error of the whole distribution, in standard
+  deviations of the training data. Lower is better.
+- **Coverage of central intervals**: the share of observed values in the 50, 80 and 90 % intervals
+  of the forecast. Below the ideal, the forecast is overconfident.
+- **Reliability**: one faint dot for each scenario. Of all scenarios with a forecast probability p,
+  a share p should succeed. The line joins the means of ten bins. Ideally it is the diagonal.
+- **Variance ratio**, on the tab *Variances*: forecast variance over observed variance. The ideal is
+  1; below, the forecast is overconfident, above, it is underconfident.
+- **Aleatoric ratio**: the same for the aleatoric part of the forecast variance. Above 1, the model
+  counts a part of its epistemic uncertainty as noise.
 """
 
 
 def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> None:
-    """Write the recording of one cell's tidy scores.
+    """Write the recording of one cell's scores.
+
+    `/METRIC/DIMENSION` holds a metric over the horizon, on the timeline `horizon`, and
+    `/by_scenario/METRIC` one of each scenario, on the timeline `scenario`. `/overall/METRIC/all`
+    and `/overall/METRIC/dimensions` (a column a dimension) hold averages, at step 0. Metrics both
+    by step and by scenario stay in the table of scores, and so do variants of a metric.
 
     Args:
         path: the recording.
-        scores: columns metric, dimension, step, scenario, value; "all", −1 and −1 mean the average
-            over that axis. By step: `/metric/dimension` on the timeline `horizon`. By scenario:
-            `/by_scenario/metric` on the timeline `scenario`. Overall: in the README panel, and as
-            `/overall/metric/all` at step 0, with a column a dimension in
-            `/overall/metric/dimensions`. What is both by step and by scenario, and the variants
-            of a metric, are left to the table.
+        scores: the tidy scores of the cell; see `study.metrics.tables.table`.
         properties: of the recording.
     """
     stepwise = scores[(scores["step"] >= 0) & (scores["scenario"] < 0)]
@@ -82,10 +86,10 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
     by_scenario = by_scenario[by_scenario["metric"].isin(_BY_SCENARIO)]
     overall = scores[(scores["scenario"] < 0) & (scores["step"] < 0)]
     overall = overall[~overall["metric"].str.startswith("pit_")]
-    reliable = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
+    has_outcomes = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
 
-    design = blueprints.scores(_pages(stepwise), reliable)
-    # Hundreds of small entities: an index of them would be larger than what it points to.
+    design = blueprints.scores(_pages(stepwise), has_outcomes)
+    # Hundreds of small entities: an index of them would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _overall_table(overall), properties)
         _log_overall(stream, overall)
@@ -97,24 +101,28 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
             send_scalars(
                 stream, entity, "scenario", ordered["scenario"], finite(ordered["value"].to_numpy())
             )
-        if reliable:
+        if has_outcomes:
             _log_reliability(stream, by_scenario)
 
 
-def reliability(
-    forecast: np.ndarray, observed: np.ndarray, bins: int = _BINS
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean forecast probability and mean observed frequency of each bin that is not empty."""
-    place = np.clip((forecast * bins).astype(int), 0, bins - 1)
-    count = np.bincount(place, minlength=bins)
-    full = count > 0
-    promised = np.bincount(place, forecast, bins)[full] / count[full]
-    came_true = np.bincount(place, observed, bins)[full] / count[full]
-    return promised, came_true
+def reliability(forecast: Doubles, observed: Doubles, bins: int = _BINS) -> tuple[Doubles, Doubles]:
+    """Mean forecast probability and mean observed frequency of each bin that is not empty.
+
+    Args:
+        forecast: [S], forecast probabilities of success.
+        observed: [S], observed frequencies.
+        bins: the number of bins, equally wide, of the forecast probability.
+    """
+    index = np.clip((forecast * bins).astype(int), 0, bins - 1)
+    count = np.bincount(index, minlength=bins)
+    filled = count > 0
+    probability = np.bincount(index, forecast, bins)[filled] / count[filled]
+    frequency = np.bincount(index, observed, bins)[filled] / count[filled]
+    return probability, frequency
 
 
 def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
-    """Views, by title and page: each metric averaged over dimensions, and by dimension."""
+    """The entities of each view, by its title, by its page."""
     pages: dict[str, dict[str, list[str]]] = {}
     for metric, rows in stepwise.groupby("metric", sort=False):
         if metric in _COVERAGES:
@@ -137,7 +145,8 @@ def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
 
 
 def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> None:
-    place = 0
+    """Log a metric over the horizon: averaged, by dimension, and its ideal value."""
+    dimensions = 0
     for dimension, part in rows.groupby("dimension", sort=False):
         ordered = part.sort_values("step")
         entity = entity_path(metric, str(dimension))
@@ -145,17 +154,18 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
         if dimension == "all":
             style_lines(stream, entity, [metric], [FORECAST], 3.0)
         else:
-            style_lines(stream, entity, [str(dimension)], [series(place)])
-            place += 1
+            style_lines(stream, entity, [str(dimension)], [series(dimensions)])
+            dimensions += 1
     if metric in (*_RATIOS, *_COVERAGES):
-        right = 1.0 if metric in _RATIOS else int(metric.removeprefix("coverage_")) / 100
+        ideal = 1.0 if metric in _RATIOS else int(metric.removeprefix("coverage_")) / 100
         steps = np.sort(rows["step"].unique())
         entity = entity_path(metric, "reference")
-        send_scalars(stream, entity, TIMELINE, steps, np.full(len(steps), right))
-        style_lines(stream, entity, ["right"], [REFERENCE])
+        send_scalars(stream, entity, TIMELINE, steps, np.full(len(steps), ideal))
+        style_lines(stream, entity, ["ideal"], [REFERENCE])
 
 
 def _log_overall(stream: rr.RecordingStream, overall: pd.DataFrame) -> None:
+    """Log averages over the horizon and over scenarios, overall and by dimension."""
     for metric, rows in overall.groupby("metric", sort=False):
         by_dimension = rows[rows["dimension"] != "all"]
         names = list(by_dimension["dimension"])
@@ -172,7 +182,7 @@ def _log_overall(stream: rr.RecordingStream, overall: pd.DataFrame) -> None:
 
 
 def _overall_table(overall: pd.DataFrame) -> str:
-    """The overall numbers: those over all dimensions, then those by dimension."""
+    """The averages in Markdown: over all dimensions, by dimension, and by outcome."""
     if overall.empty:
         return ""
     whole = overall["dimension"] == "all"
@@ -183,14 +193,15 @@ def _overall_table(overall: pd.DataFrame) -> str:
     text = f"\n## Overall\n\n{table(('metric', 'value'), rows)}\n" if rows else ""
     of_outcomes = overall["metric"].str.startswith(_OF_OUTCOMES)
     for title, chosen in (("dimension", ~of_outcomes), ("outcome", of_outcomes)):
-        text += _table_apart(title, overall[~whole & chosen])
+        text += _table_by(title, overall[~whole & chosen])
     return text
 
 
-def _table_apart(title: str, apart: pd.DataFrame) -> str:
-    if apart.empty:
+def _table_by(title: str, rows: pd.DataFrame) -> str:
+    """A Markdown table with a row for each dimension or outcome."""
+    if rows.empty:
         return ""
-    wide = apart.pivot_table(index="dimension", columns="metric", values="value", sort=False)
+    wide = rows.pivot_table(index="dimension", columns="metric", values="value", sort=False)
     cells = [
         (str(dimension), *(f"{value:.4g}" for value in values))
         for dimension, values in zip(wide.index, wide.to_numpy(), strict=True)
@@ -200,6 +211,7 @@ def _table_apart(title: str, apart: pd.DataFrame) -> str:
 
 
 def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> None:
+    """Log the reliability diagram of the probability of success."""
     wide = by_scenario.pivot_table(index="scenario", columns="metric", values="value")
     forecast = wide["forecast_probability"].to_numpy()
     observed = wide["observed_probability"].to_numpy()
@@ -207,7 +219,7 @@ def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> N
     forecast, observed = forecast[known], observed[known]
     chart = Chart(Axis("forecast probability", 0.0, 1.0), Axis("observed frequency", 0.0, 1.0))
     root = "/chart/reliability"
-    chart.draw(stream, root)
+    chart.log_axes(stream, root)
     diagonal = rr.LineStrips2D(
         [np.array([[0.0, 0.0], [WIDTH, -1.0]])], colors=[REFERENCE], radii=rr.Radius.ui_points(1.0)
     )
@@ -221,5 +233,5 @@ def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> N
     bins = chart.place(*reliability(forecast, observed))
     line = rr.LineStrips2D([bins], colors=[FORECAST], radii=rr.Radius.ui_points(2.0))
     stream.log(f"{root}/bins", line, static=True)
-    knots = rr.Points2D(bins, colors=[FORECAST], radii=rr.Radius.ui_points(5.0))
-    stream.log(f"{root}/knots", knots, static=True)
+    means = rr.Points2D(bins, colors=[FORECAST], radii=rr.Radius.ui_points(5.0))
+    stream.log(f"{root}/means", means, static=True)

@@ -1,4 +1,7 @@
-"""Opening and closing a recording, and writing columns to it. No global Rerun state is touched."""
+"""Writing a recording: opening and closing its stream, and sending columns of numbers to it.
+
+No global state of Rerun is used, so several recordings can be open at once.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,32 +19,38 @@ from study.recording.properties import Properties, write_properties
 
 
 def application_id(kind: str, properties: Properties) -> str:
-    """The Rerun application of a recording: one for each kind and environment, or study.
+    """Rerun's application id of a recording: one for each kind and environment, or study.
 
-    A viewer keeps the first blueprint that it sees for an application, and a blueprint names the
-    state's dimensions. So recordings share an application exactly if they share a blueprint.
+    A viewer keeps the first blueprint that it receives for an application, and a blueprint names
+    the state's dimensions. So two recordings share an application exactly if they share a
+    blueprint.
     """
     shared = str(properties.get("environment", _subject(properties))).split("/")[0]
     return "_".join(filter(None, ("study", kind, shared)))
 
 
 def recording_name(kind: str, properties: Properties) -> str:
-    """How the recording is listed in the viewer: what it is of, and its kind."""
+    """The recording's name in the viewer's list: its cell, environment or study, then its kind."""
     return " · ".join(filter(None, (_subject(properties), kind)))
 
 
 def _subject(properties: Properties) -> str:
-    """What the recording is of: a cell, an environment or a whole study."""
+    """The cell, the environment or the study that the recording is about."""
     names = (properties[key] for key in ("cell", "environment", "study") if key in properties)
     return str(next(names, ""))
 
 
 def open_stream(path: Path, application: str, footer: bool = True) -> rr.RecordingStream:
-    """A stream of its own into the file `path`. Every row says on which timeline it is.
+    """A new stream into the file `path`.
 
-    The footer is an index for reading a part of a large file; it takes a kilobyte an entity.
+    Args:
+        path: the file.
+        application: Rerun's application id.
+        footer: whether to write an index, with which a reader loads a part of a large file. It
+            takes about a kilobyte for each entity.
     """
     stream = rr.RecordingStream(application, send_properties=True)
+    # Each row names its timeline, so Rerun's own timelines are not needed.
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     stream.save(path, write_footer=footer)
@@ -56,7 +65,7 @@ def recording(
     blueprint: rrb.Blueprint,
     footer: bool = True,
 ) -> Iterator[rr.RecordingStream]:
-    """Write the recording `path`: it is there, with its checksum, once the block has succeeded."""
+    """Write the recording `path`: it appears, with its checksum, when the block has succeeded."""
     with replacing(Path(path)) as temporary:
         stream = open_stream(temporary, application_id(kind, properties), footer)
         try:
@@ -70,7 +79,7 @@ def recording(
 def send_scalars(
     stream: rr.RecordingStream, entity: str, timeline: str, times: ArrayLike, values: ArrayLike
 ) -> None:
-    """One scalar, or several [N, C], at each of the N times, in one piece."""
+    """Send one scalar [N], or C scalars [N, C], for each of the times [N], in one message."""
     table = np.asarray(values, dtype=np.float64)
     columns = rr.Scalars.columns(scalars=table.reshape(-1))
     if table.ndim == 2:
@@ -90,18 +99,24 @@ def style_lines(
     colours: Sequence[Colour],
     widths: Sequence[float] | float = 1.5,
 ) -> None:
-    """How the series of an entity are named and drawn."""
-    each = [widths] * len(names) if isinstance(widths, int | float) else list(widths)
-    style = rr.SeriesLines(names=list(names), colors=list(colours), widths=each)
+    """Set the name, the colour and the line width of each series of an entity."""
+    if isinstance(widths, int | float):
+        widths = [widths] * len(names)
+    style = rr.SeriesLines(names=list(names), colors=list(colours), widths=list(widths))
     stream.log(entity, style, static=True)
 
 
 def entity_path(*parts: str) -> str:
-    """An entity path; any character may stand in a part."""
+    """An entity path from its parts, in which Rerun's special characters are escaped."""
     return str(rr.new_entity_path(list(parts)))
 
 
+def entity_below(root: str, *parts: str) -> str:
+    """An entity path below the entity `root`, which is escaped already."""
+    return root + entity_path(*parts)
+
+
 def finite(values: Array) -> Doubles:
-    """A copy in which whatever is not finite is NaN, which Rerun leaves out of a plot."""
+    """A copy with NaN for each value that is not finite; Rerun leaves NaN out of a plot."""
     table = np.asarray(values, dtype=np.float64)
     return np.where(np.isfinite(table), table, np.nan)

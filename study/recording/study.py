@@ -1,4 +1,4 @@
-"""The recording of a whole study: every cell's discrepancy in one plot, and what it comes to."""
+"""``study.rrd``: the MMD² of every cell over the horizon, with the tables and the claims."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -8,28 +8,17 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
-from study.config.names import (
-    ENSEMBLE,
-    FULL,
-    FULL_CRPS,
-    FULL_ENSEMBLE,
-    MLP,
-    MLP_ENSEMBLE,
-    ORACLE,
-    RESIDUAL,
-    RESIDUAL_CRPS,
-    RESIDUAL_ENSEMBLE,
-    label,
-)
-from study.plotting.palette import REFERENCE, Colour, faint, model_colours
+from study.config.names import ORACLE, label
+from study.plotting.lines import line_of
+from study.plotting.palette import REFERENCE, Colour, faint, model_colour_names, model_colours
 from study.recording import blueprints
 from study.recording.properties import Properties, table, write_markdown, write_readme
 from study.recording.streams import entity_path, finite, recording, send_scalars, style_lines
 
 KIND = "study"
 TIMELINE = "horizon"
-# Of each cell these are told, from left to right: what they are called, and how written.
-_MAIN = {
+# Metrics in the table of cells, from left to right: title and number format.
+_METRICS = {
     "mmd2": ("MMD²", ".4f"),
     "brier": ("Brier", ".3f"),
     "energy_score": ("energy score", ".3f"),
@@ -37,50 +26,44 @@ _MAIN = {
     "coverage_90": ("coverage of 90 %", ".3f"),
     "variance_ratio": ("variance ratio", ".3g"),
 }
-# The MMD² of right forecasts that are shifted by so much; it comes with the oracle's scores.
-_RULER = {f"mmd2_shift_{shift}": f"ruler: {shift} sd" for shift in ("0.1", "0.3", "1")}
-_COLOURS = {
-    RESIDUAL: "blue",
-    FULL: "orange",
-    MLP: "green",
-    RESIDUAL_CRPS: "light blue",
-    FULL_CRPS: "yellow",
-    RESIDUAL_ENSEMBLE: "indigo",
-    FULL_ENSEMBLE: "wine",
-    MLP_ENSEMBLE: "olive",
-    ENSEMBLE: "pink",
-    ORACLE: "grey",
-}
+# The MMD² of correct forecasts shifted by some standard deviations, from the oracle's scores.
+_SHIFTS = {f"mmd2_shift_{shift}": f"shift of {shift} sd" for shift in ("0.1", "0.3", "1")}
+# The viewer's points for a line of one point in a figure, and the opacity of dashed lines.
+_SCALE = 5 / 3
+_DASHED = 190
 _README = """
 # The whole study
 
-**MMD²** compares what a model forecasts with what was observed from the same beginning, at each
-step of the horizon, averaged over dimensions of the state and scenarios. Lower is better; 0 if the
-two distributions are the same.
+A *cell* is one model, trained on one environment at one level of epistemic uncertainty, with one
+seed. Each line shows the **MMD²** of a cell over the horizon, averaged over scenarios and over the
+dimensions of the state. MMD², the maximum mean discrepancy, compares forecast and observed states
+after the same actions. Lower is better: it is 0 if both have the same distribution. An estimate can
+fall below 0 by chance.
 
-- **Thick**: trained on all data (low epistemic uncertainty).
-- **Thin and faint**: trained on a part of it (high).
-- **oracle**: the simulator itself run again, which is the floor.
-- **ruler**: right forecasts, shifted by 0.1, 0.3 and 1 standard deviation of what was observed.
+- **Thick** lines: level low, models trained on all data.
+- **Thin and faint** lines: level high, models trained on a part of the data.
+- *Oracle*: forecasts by the simulator itself. No model can be better.
+- *Ensemble alone*: the recurrent networks without a model of the noise.
+- *Shift of 0.1, 0.3 and 1 sd*, for scale: the MMD² of correct forecasts, shifted by that many
+  standard deviations of the observed states.
 """
 _BELOW = """
-Below the plots: {titles}. *Cells* names every cell's own recordings, which show how it came to its
-scores.
+Below the plots: {titles}. *Cells* names the recordings of each cell.
 """
 _CELLS = """
 # Cells
 
 MMD², Brier score, energy score and CRPS: lower is better. The coverage should be 0.9, and the
-variance ratio (forecast over observed) 1.
+variance ratio (forecast variance over observed variance) should be 1.
 
-A cell's recordings lie in the folder of its name, beside this one: `rerun CELL/KIND.rrd`, or
-`python -m study.run view CELL --kind KIND`. Those of the training data are `ENVIRONMENT/data.rrd`,
-or `python -m study.run view ENVIRONMENT`.
+The recordings of a cell are beside this one, in the folder of its name: `rerun CELL/KIND.rrd`, or
+`python -m study.run view CELL --kind KIND`. The training data of an environment are in
+`ENVIRONMENT/data.rrd`; `python -m study.run view ENVIRONMENT` opens them.
 """
 
 
 class _Cell(NamedTuple):
-    """What identifies a cell in the scores."""
+    """The columns that identify a cell in the scores."""
 
     environment: str
     level: str
@@ -101,12 +84,12 @@ def record_study(
 ) -> None:
     """Write the recording of a study.
 
-    `/mmd2/CELL` holds the cell's MMD² on the timeline `horizon`, `/ruler/ENVIRONMENT/…` its ruler,
-    and `/overall/METRIC` a column a cell, at step 0. Recordings of the cells that lie beside
-    `path`, in folders of their names, are linked by name.
+    `/mmd2/CELL` holds the MMD² of a cell on the timeline `horizon`, and
+    `/reference_shift/ENVIRONMENT/…` the MMD² of shifted forecasts. `/overall/METRIC` holds one
+    column for each cell, at step 0.
 
     Args:
-        path: the recording.
+        path: the recording. The panel *Cells* lists the recordings of cells beside it.
         scores: the tidy scores of all cells, as in ``scores.parquet``.
         texts: Markdown of the panels below the plots, by title.
         properties: of the recording.
@@ -123,15 +106,15 @@ def record_study(
         below = _BELOW.format(titles=", ".join(f"*{title}*" for title in texts))
         write_readme(stream, _README + _colours_text(cells) + below, properties)
         for title, text in texts.items():
-            # The viewer's Markdown knows no HTML.
+            # The Markdown of the viewer does not support HTML.
             write_markdown(stream, panels[title], text.replace("<br>", " · "))
         colours = model_colours(cell.model for cell in cells)
         _log_curves(stream, curves, cells, colours)
-        _log_ruler(stream, curves)
+        _log_shifts(stream, curves)
         for metric in overall.columns:
             entity = entity_path("overall", str(metric))
-            style = [colours[cell.model] for cell in cells]
-            style_lines(stream, entity, [cell.name for cell in cells], style)
+            cell_colours = [colours[cell.model] for cell in cells]
+            style_lines(stream, entity, [cell.name for cell in cells], cell_colours)
             send_scalars(stream, entity, TIMELINE, [0], finite(overall[[metric]].to_numpy().T))
 
 
@@ -141,28 +124,29 @@ def _log_curves(
     cells: list[_Cell],
     colours: Mapping[str, Colour],
 ) -> None:
-    """The MMD² of each cell by step; the level is told by the line, the model by the colour."""
+    """Log the MMD² of each cell by step: the line shows the level, the colour the model."""
     seeds = len({cell.seed for cell in cells}) > 1
     for cell, entity in _entities(cells).items():
         rows = curves[_is(curves, cell) & (curves["metric"] == "mmd2")].sort_values("step")
         send_scalars(stream, entity, TIMELINE, rows["step"], finite(rows["value"].to_numpy()))
-        bold = cell.level == "low" or cell.model == ORACLE
-        colour = colours[cell.model] if bold else faint(colours[cell.model], 190)
-        style_lines(stream, entity, [_line(cell, seeds)], [colour], 2.5 if bold else 1.2)
+        line, colour = line_of(cell.model, cell.level), colours[cell.model]
+        if line.dashed:
+            colour = faint(colour, _DASHED)
+        style_lines(stream, entity, [_legend(cell, seeds)], [colour], _SCALE * line.width)
 
 
-def _log_ruler(stream: rr.RecordingStream, curves: pd.DataFrame) -> None:
-    """By environment and step, averaged over seeds."""
-    ruler = curves[curves["metric"].isin(_RULER)]
-    for (environment, metric), rows in ruler.groupby(["environment", "metric"]):
+def _log_shifts(stream: rr.RecordingStream, curves: pd.DataFrame) -> None:
+    """Log the MMD² of shifted forecasts by environment and step, averaged over seeds."""
+    shifts = curves[curves["metric"].isin(_SHIFTS)]
+    for (environment, metric), rows in shifts.groupby(["environment", "metric"]):
         mean = rows.groupby("step")["value"].mean()
-        entity = entity_path("ruler", str(environment), str(metric))
+        entity = entity_path("reference_shift", str(environment), str(metric))
         send_scalars(stream, entity, TIMELINE, mean.index, finite(mean.to_numpy()))
-        style_lines(stream, entity, [_RULER[str(metric)]], [REFERENCE], 0.8)
+        style_lines(stream, entity, [_SHIFTS[str(metric)]], [REFERENCE], 0.8)
 
 
 def _cells(whole: pd.DataFrame) -> list[_Cell]:
-    """The cells that have scores, in the order of the table."""
+    """The cells that have scores, in the order of the scores."""
     rows = whole[list(_Cell._fields)].drop_duplicates()
     return [
         _Cell(str(environment), str(level), str(model), int(seed))
@@ -171,7 +155,7 @@ def _cells(whole: pd.DataFrame) -> list[_Cell]:
 
 
 def _is(rows: pd.DataFrame, cell: _Cell) -> "pd.Series[bool]":
-    """Which rows are the cell's."""
+    """Which rows belong to the cell."""
     return (
         (rows["environment"] == cell.environment)
         & (rows["level"] == cell.level)
@@ -181,45 +165,46 @@ def _is(rows: pd.DataFrame, cell: _Cell) -> "pd.Series[bool]":
 
 
 def _entities(cells: Iterable[_Cell]) -> dict[_Cell, str]:
-    """Where each cell's curve is."""
+    """The entity of each cell's curve."""
     return {cell: entity_path("mmd2", *cell.parts) for cell in cells}
 
 
 def _plots(cells: list[_Cell]) -> dict[str, list[str]]:
-    """The curves of each environment's plot; the oracle is the same at both levels, so shown once.
+    """The entities of each environment's plot, in the order in which the viewer draws them.
 
-    No line covers another that is more to the point: the ruler lies below all.
+    The shifts come first, so that they are behind the models. The oracle is the same at both
+    levels, so one of them is shown.
     """
     plots: dict[str, list[str]] = {}
-    seen = set()
+    shown = set()
     for cell, entity in _entities(cells).items():
         curves = plots.setdefault(
             cell.environment,
-            [entity_path("ruler", cell.environment, metric) for metric in _RULER],
+            [entity_path("reference_shift", cell.environment, metric) for metric in _SHIFTS],
         )
-        same = cell._replace(level="") if cell.model == ORACLE else cell
-        if same not in seen:
+        distinct = cell._replace(level="") if cell.model == ORACLE else cell
+        if distinct not in shown:
             curves.append(entity)
-        seen.add(same)
+        shown.add(distinct)
     return plots
 
 
 def _span(curves: pd.DataFrame) -> tuple[float, float]:
-    """The range of all plots: from below the oracle, which may dip below 0, to above all curves."""
+    """The y axis of all plots: from a little below 0, as estimates can be, to above all curves."""
     values = finite(curves.loc[curves["metric"] == "mmd2", "value"].to_numpy())
     top = float(np.nanmax(values, initial=1e-3))
     return -0.05 * top, 1.05 * top
 
 
-def _line(cell: _Cell, seeds: bool) -> str:
-    """What the legend calls a cell's curve."""
+def _legend(cell: _Cell, seeds: bool) -> str:
+    """The name of a cell's curve in the legend."""
     words = [label(cell.model), *([] if cell.model == ORACLE else [cell.level])]
     return ", ".join([*words, f"seed {cell.seed}"] if seeds else words)
 
 
 def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
-    """A row a cell, by its name, a column a metric; NaN where a cell lacks it."""
-    metrics = [metric for metric in _MAIN if (rows["metric"] == metric).any()]
+    """A row for each cell, by its name, and a column for each metric; NaN where a cell lacks it."""
+    metrics = [metric for metric in _METRICS if (rows["metric"] == metric).any()]
     wide = rows[rows["metric"].isin(metrics)].pivot(
         index=list(_Cell._fields), columns="metric", values="value"
     )
@@ -228,17 +213,17 @@ def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
 
 
 def _colours_text(cells: Iterable[_Cell]) -> str:
-    """Which colour is which model."""
-    models = dict.fromkeys(cell.model for cell in cells)
-    named = [f"{_COLOURS[model]} *{label(model)}*" for model in models if model in _COLOURS]
-    return f"\nColours: {', '.join(named)}.\n" if named else ""
+    """The colour of each model, in words."""
+    names = model_colour_names(models := dict.fromkeys(cell.model for cell in cells))
+    listed = ", ".join(f"{names[model]} *{label(model)}*" for model in models)
+    return f"\nColours: {listed}.\n"
 
 
 def _cells_text(overall: pd.DataFrame, folder: Path) -> str:
-    """The cells with their main scores, and the names of their recordings."""
+    """A table of the cells, with their main scores and the kinds of their recordings."""
     metrics = [str(metric) for metric in overall.columns]
-    header = ("cell", *(_MAIN[metric][0] for metric in metrics), "recordings")
-    forms = [_MAIN[metric][1] for metric in metrics]
+    header = ("cell", *(_METRICS[metric][0] for metric in metrics), "recordings")
+    forms = [_METRICS[metric][1] for metric in metrics]
     rows = []
     for name, values in zip(overall.index, overall.to_numpy(), strict=True):
         kinds = sorted(file.stem for file in (folder / str(name)).glob("*.rrd"))

@@ -1,9 +1,10 @@
-"""A Lightning logger that writes a Rerun recording."""
+"""``training.rrd``: a Lightning logger that writes the curves of a fit to a Rerun recording."""
 
 import contextlib
 import json
 from argparse import Namespace
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,32 +29,35 @@ TIMELINE = "step"
 _README = """
 # Training
 
-Every curve that was logged while the model was fitted, by step of the optimiser. Move the time
-cursor, or hover over a curve, to read a number; drag to zoom, double click to see all.
+Each curve is a number that was logged while the model was fitted, by step of the optimiser. Hover
+over a curve to read a number, drag to zoom, and double-click to see the whole curve.
 
-A validation curve has one value for each look at the validation data. Where it turns upwards while
-the training loss still falls, the model has begun to learn its data by heart.
+- *Loss*: what the optimiser minimises on the training data.
+- *Validation*: a score of forecasts on data that the model is not trained on, at each evaluation.
+  Lower is better. Where it rises while the loss still falls, the model overfits.
+- *KL divergence*: how much information the latent variable of an autoencoder carries. At zero the
+  latent variable is unused (posterior collapse).
+
+The tab *Hyperparameters*, where there is one, lists the settings of the model.
 """
 
 
 class RerunLogger(Logger):
-    """Scalars by step, in one Rerun recording.
+    """Logs scalars by step to one Rerun recording.
 
-    Rows are kept in memory and written in columns, since a row of its own costs several times the
-    bytes and the time. `finalize` writes what is kept but leaves the recording open, because
-    Lightning calls it after every fit and every validate; `close`, or the end of a `with` block,
-    moves the finished file to `path`.
+    The logger collects values in memory and writes them in columns, since single rows take several
+    times the bytes and the time. `finalize` writes the collected values and leaves the recording
+    open, because Lightning calls it after every fit and every validation. `close`, or the end of a
+    `with` block, moves the finished file to `path`.
 
-    A pickled or copied logger is a logger of the same path that has logged nothing yet.
+    A pickled or copied logger has the same path and has logged nothing.
 
     Args:
         path: the recording; written under a temporary name until it is closed.
-        application_id: Rerun's id of the application; recordings with one id share a blueprint.
-        recording_name: how the viewer lists the recording.
-        properties: the recording's properties (cell, seed, config as JSON …).
-        prefix: put before every metric's name, as a folder; may be changed between two fits.
-        rows: how many rows of one metric are kept before they are written.
-        readme: what the recording's README panel says, in Markdown.
+        application_id: Rerun's application id; recordings with the same id share a blueprint.
+        recording_name: the recording's name in the viewer's list.
+        properties: the properties of the recording, such as seed and settings.
+        rows: the number of values of one metric that the logger collects before it writes them.
     """
 
     def __init__(
@@ -63,36 +67,28 @@ class RerunLogger(Logger):
         application_id: str = "study_training",
         recording_name: str = "training",
         properties: Properties | None = None,
-        prefix: str = "",
         rows: int = 1024,
-        readme: str = _README,
     ) -> None:
         super().__init__()
         self.path = Path(path)
         self.application_id = application_id
         self.recording_name = recording_name
         self.properties = dict(properties or {})
-        self.prefix = prefix
         self.rows = rows
-        self.readme = readme
-        self._begin()
-
-    def _begin(self) -> None:
         self._stream: rr.RecordingStream | None = None
         self._temporary: Path | None = None
-        self._kept: dict[str, list[tuple[int, float]]] = {}
-        self._last: dict[str, int] = {}
+        self._pending: dict[str, list[tuple[int, float]]] = {}
+        self._last_step: dict[str, int] = {}
         self._closed = False
 
-    def __getstate__(self) -> dict[str, Any]:
-        state = self.__dict__.copy()
-        for name in ("_stream", "_temporary", "_kept", "_last", "_closed"):
-            state.pop(name)
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._begin()
+    def __reduce__(self) -> tuple[Any, ...]:
+        settings: dict[str, Any] = {
+            "application_id": self.application_id,
+            "recording_name": self.recording_name,
+            "properties": self.properties,
+            "rows": self.rows,
+        }
+        return partial(RerunLogger, self.path, **settings), ()
 
     def __enter__(self) -> "RerunLogger":
         return self
@@ -107,43 +103,47 @@ class RerunLogger(Logger):
 
     @property
     def version(self) -> str:
-        """The application's id."""
+        """Rerun's application id."""
         return self.application_id
 
     @property
     def experiment(self) -> rr.RecordingStream:
-        """The Rerun stream, to log anything else: `logger.experiment.log("image", rr.Image(…))`."""
+        """The Rerun stream, for other data: `logger.experiment.log("image", rr.Image(…))`."""
         if self._closed:
-            raise ValueError(f"the recording {self.path} is closed")
+            raise ValueError(f"the recording {self.path} is closed: log to a new RerunLogger")
         if self._stream is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._temporary = temporary_path(self.path)
             self._stream = open_stream(self._temporary, self.application_id)
             write_properties(self._stream, self.recording_name, self.properties)
-            write_readme(self._stream, self.readme, self.properties)
+            write_readme(self._stream, _README, self.properties)
         return self._stream
 
     @rank_zero_only
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
-        """Keep one value of each metric; NaN leaves a gap in the curve.
+        """Log one value of each metric; NaN leaves a gap in the curve.
 
-        Without a step the value follows the last one of its metric.
+        Args:
+            metrics: the values, by name.
+            step: the optimiser's step; None for the step after the metric's last one.
+
+        Raises:
+            ValueError: the recording is closed.
         """
         if self._closed:
-            raise ValueError(f"the recording {self.path} is closed")
-        for metric, value in metrics.items():
-            name = f"{self.prefix}/{metric}" if self.prefix else metric
-            at = self._last.get(name, -1) + 1 if step is None else int(step)
-            self._last[name] = at
-            self._kept.setdefault(name, []).append((at, float(value)))
-            if len(self._kept[name]) >= self.rows:
+            raise ValueError(f"the recording {self.path} is closed: log to a new RerunLogger")
+        for name, value in metrics.items():
+            metric_step = self._last_step.get(name, -1) + 1 if step is None else int(step)
+            self._last_step[name] = metric_step
+            self._pending.setdefault(name, []).append((metric_step, float(value)))
+            if len(self._pending[name]) >= self.rows:
                 self._write(name)
 
     @rank_zero_only
     def log_hyperparams(
         self, params: dict[str, Any] | Namespace, *args: Any, **kwargs: Any
     ) -> None:
-        """Show the hyperparameters in a panel of their own, and keep them as JSON in a property."""
+        """Log the hyperparameters as a panel, and as JSON in a property."""
         flat = {key: str(value) for key, value in _flatten_dict(_convert_params(params)).items()}
         if not flat:
             return
@@ -153,39 +153,39 @@ class RerunLogger(Logger):
 
     @rank_zero_only
     def finalize(self, status: str) -> None:
-        """Write what is kept. The recording stays open: another fit may follow."""
+        """Write the pending values. The recording stays open, since another fit may follow."""
         if not self._closed:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is kept in memory to the temporary file."""
-        for name in self._kept:
+        """Write the pending values to the temporary file."""
+        for name in self._pending:
             self._write(name)
 
     @rank_zero_only
     def close(self) -> None:
-        """Finish the recording and move it to `path`, with its checksum; again does nothing."""
+        """Move the finished recording to `path`, with its checksum; a second call does nothing."""
         if self._closed:
             return
         stream = self.experiment
         self.flush()
-        for index, name in enumerate(self._kept):
+        for index, name in enumerate(self._pending):
             style_lines(stream, _entity(name), [name], [series(index)])
-        stream.send_blueprint(blueprints.training([_entity(name) for name in self._kept]))
+        stream.send_blueprint(blueprints.training([_entity(name) for name in self._pending]))
         stream.disconnect()
         self._closed = True
         if self._temporary is not None:
             complete(self._temporary, self.path)
 
     def _write(self, name: str) -> None:
-        kept = self._kept[name]
-        if kept:
-            steps, values = zip(*kept, strict=True)
+        pending = self._pending[name]
+        if pending:
+            steps, values = zip(*pending, strict=True)
             send_scalars(self.experiment, _entity(name), TIMELINE, steps, values)
-            kept.clear()
+            pending.clear()
 
     def discard(self) -> None:
-        """Give the recording up: nothing is left of it."""
+        """Delete the unfinished recording."""
         if self._stream is not None:
             self._stream.disconnect()
         if self._temporary is not None:

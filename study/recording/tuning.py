@@ -1,14 +1,16 @@
-"""The recording of a search for β: which values were tried, and what came of each."""
+"""``tuning.rrd``: the search for β, with every value that was tried and its score."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from study.common.trials import score
-from study.plotting.palette import FORECAST, STATE, TARGET, faint
+from study.common.arrays import Doubles
+from study.common.files import read_json
+from study.plotting.palette import FORECAST, TARGET, TRIAL_STATES, faint
 from study.recording import blueprints
 from study.recording.charts import Axis, Chart
 from study.recording.properties import Properties, table, write_readme
@@ -19,130 +21,170 @@ TIMELINE = "trial"
 _README = """
 # Tuning β
 
-β weighs the KL term of the loss (equation 12). Each trial trains with one β and is scored by
-free-running forecasts of *validation* trajectories, never of test ones. Lower is better.
+β weighs the Kullback–Leibler term in the loss of the variational autoencoder (the paper's equation
+12). The study searches for it with Optuna. Each *trial* trains a model with one β for a short time.
+Its score compares autoregressive forecasts with *validation* trajectories; test scenarios are not
+used. Lower is better.
 
-**Green** a complete trial, **orange** one that was pruned because its intermediate
-scores were worse than the others', **red** one that failed. The large dot is the best.
+- *Score of each β*: one dot a trial. The large dot is the best one, which the study uses.
+- *Intermediate scores*: the score of each trial during its training.
+- *Score and best so far*, *log₁₀ β*: the trials in their order. Optuna first covers the range
+  evenly, and then tries values near the best ones.
 
-Below, the search as it went, trial by trial; the charts above are of the whole search.
+**Green**: complete. **Orange**: pruned, that is, stopped early because its intermediate scores were
+worse than those of other trials. **Red**: failed.
 """
 
 
-def record_tuning(path: Path, trials: Sequence[dict[str, Any]], properties: Properties) -> None:
+@dataclass(frozen=True)
+class Trial:
+    """One trial of a search.
+
+    Attributes:
+        number: its position in the search, from 0.
+        beta: the β that it tried.
+        state: "complete", "pruned" or "failed".
+        score: its last score; None if it has none.
+        intermediate: the score by optimiser step.
+    """
+
+    number: int
+    beta: float
+    state: str
+    score: float | None
+    intermediate: dict[int, float]
+
+
+def read_trials(path: Path) -> list[Trial]:
+    """Read the trials in a ``tuning.json`` of the stage tune."""
+    return [
+        Trial(
+            int(trial["number"]),
+            float(trial["beta"]),
+            str(trial["state"]),
+            trial["score"],
+            {int(step): float(score) for step, score in trial["intermediate"].items()},
+        )
+        for trial in read_json(path)["trials"]
+    ]
+
+
+def record_tuning(path: Path, trials: Sequence[Trial], properties: Properties) -> None:
     """Write the recording of a search.
+
+    `/beta`, `/log10_beta`, `/score/STATE` and `/best` hold a value for each trial on the timeline
+    `trial`, and `/intermediate/trial_N` the scores of a trial on the timeline `step`.
 
     Args:
         path: the recording.
-        trials: for each trial `number` (int), `beta` (float), `value` (float, or None if it has
-            none), `state` ("complete", "pruned" or "failed") and `intermediate` ({step: value}).
+        trials: all trials of the search.
         properties: of the recording.
     """
-    ordered = sorted(trials, key=lambda trial: int(trial["number"]))
-    numbers = np.array([trial["number"] for trial in ordered], dtype=np.int64)
-    betas = np.array([trial["beta"] for trial in ordered], dtype=np.float64)
-    values = finite(np.array([score(trial) for trial in ordered], dtype=np.float64))
-    complete = np.array([trial["state"] == "complete" for trial in ordered], dtype=bool)
-    best = best_so_far(np.where(complete, values, np.nan))
+    trials = sorted(trials, key=lambda trial: trial.number)
+    numbers = np.array([trial.number for trial in trials], dtype=np.int64)
+    betas = np.array([trial.beta for trial in trials], dtype=np.float64)
+    scores = finite(np.array([trial.score for trial in trials], dtype=np.float64))
+    states = np.array([trial.state for trial in trials])
+    best = best_so_far(np.where(states == "complete", scores, np.nan))
 
-    # Small entities: an index of them would be larger than what it points to.
+    # Small entities: an index of them would be larger than their data.
     with recording(path, KIND, properties, blueprints.tuning(), footer=False) as stream:
-        write_readme(stream, _README + _table(ordered, best), properties)
-        if not ordered:
+        write_readme(stream, _README + _table(trials, best), properties)
+        if not trials:
             return
-        for entity, series in (("/beta", betas), ("/log10_beta", np.log10(betas)), ("/best", best)):
-            send_scalars(stream, entity, TIMELINE, numbers, series)
+        for entity, values in (("/beta", betas), ("/log10_beta", np.log10(betas)), ("/best", best)):
+            send_scalars(stream, entity, TIMELINE, numbers, values)
         steps = rr.components.InterpolationMode.StepAfter
         curve = rr.SeriesLines(
             names="best so far", colors=TARGET, widths=2.5, interpolation_mode=steps
         )
         stream.log("/best", curve, static=True)
-        look = rr.SeriesPoints(colors=FORECAST, names="log₁₀ β", marker_sizes=5.0)
-        stream.log("/log10_beta", look, static=True)
-        for state, colour in STATE.items():
-            chosen = np.array([trial["state"] == state for trial in ordered], dtype=bool)
+        dots = rr.SeriesPoints(colors=FORECAST, names="log₁₀ β", marker_sizes=5.0)
+        stream.log("/log10_beta", dots, static=True)
+        for state, colour in TRIAL_STATES.items():
+            chosen = states == state
             if chosen.any():
-                send_scalars(stream, f"/value/{state}", TIMELINE, numbers[chosen], values[chosen])
-                look = rr.SeriesPoints(colors=colour, names=state, marker_sizes=5.0)
-                stream.log(f"/value/{state}", look, static=True)
-        _chart_of_beta(stream, ordered, betas, values, best)
-        _chart_of_intermediate(stream, ordered, betas)
+                send_scalars(stream, f"/score/{state}", TIMELINE, numbers[chosen], scores[chosen])
+                dots = rr.SeriesPoints(colors=colour, names=state, marker_sizes=5.0)
+                stream.log(f"/score/{state}", dots, static=True)
+        _log_beta_chart(stream, trials, betas, scores, best)
+        _log_intermediate_chart(stream, trials)
 
 
-def best_so_far(values: np.ndarray) -> np.ndarray:
-    """The least of values [N] up to each of them, NaN until the first that is not NaN."""
-    return np.fmin.accumulate(values)
+def best_so_far(scores: Doubles) -> Doubles:
+    """The lowest of scores [N] up to each of them; NaN before the first that is not NaN."""
+    return np.asarray(np.fmin.accumulate(scores))
 
 
-def _best_index(best: np.ndarray) -> int | None:
+def _best_index(best: Doubles) -> int | None:
+    """The row of the best trial, or None where no trial is complete."""
     if not np.isfinite(best).any():
         return None
     return int(np.flatnonzero(best == np.nanmin(best))[0])
 
 
-def _told(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
-
-
-def _table(trials: Sequence[dict[str, Any]], best: np.ndarray) -> str:
-    winner = _best_index(best)
+def _table(trials: Sequence[Trial], best: Doubles) -> str:
+    """The best β, and a table of all trials."""
+    index = _best_index(best)
     headline = (
         "No trial is complete."
-        if winner is None
-        else f"**Best: β = {trials[winner]['beta']:.4g}**, score {best[winner]:.4g} "
-        f"(trial {trials[winner]['number']} of {len(trials)})."
+        if index is None
+        else f"**Best: β = {trials[index].beta:.4g}**, score {best[index]:.4g} "
+        f"(trial {trials[index].number} of {len(trials)})."
     )
     rows = [
-        (str(trial["number"]), f"{trial['beta']:.4g}", _told(score(trial)), str(trial["state"]))
+        (
+            str(trial.number),
+            f"{trial.beta:.4g}",
+            "–" if trial.score is None else f"{trial.score:.4g}",
+            trial.state,
+        )
         for trial in trials
     ]
     return f"\n{headline}\n\n{table(('trial', 'β', 'score', 'state'), rows)}\n"
 
 
-def _chart_of_beta(
+def _log_beta_chart(
     stream: rr.RecordingStream,
-    trials: Sequence[dict[str, Any]],
-    betas: np.ndarray,
-    values: np.ndarray,
-    best: np.ndarray,
+    trials: Sequence[Trial],
+    betas: Doubles,
+    scores: Doubles,
+    best: Doubles,
 ) -> None:
-    """Every trial as a dot; for all time, since a recording opens at its beginning."""
-    chart = Chart(Axis.around("β", betas, logarithmic=True), Axis.around("score", values))
-    chart.draw(stream, "/chart/beta")
-    winner = _best_index(best)
+    """Log the score over β, a static dot for each trial."""
+    chart = Chart(Axis.around("β", betas, logarithmic=True), Axis.around("score", scores))
+    chart.log_axes(stream, "/chart/beta")
+    best_index = _best_index(best)
     for index, trial in enumerate(trials):
-        point = chart.place(betas[index : index + 1], values[index : index + 1])
+        point = chart.place(betas[index : index + 1], scores[index : index + 1])
         if not len(point):
             continue
         dot = rr.Points2D(
             point,
-            colors=[STATE[trial["state"]]],
-            radii=rr.Radius.ui_points(8.0 if index == winner else 4.5),
+            colors=[TRIAL_STATES[trial.state]],
+            radii=rr.Radius.ui_points(8.0 if index == best_index else 4.5),
         )
-        stream.log(f"/chart/beta/trial_{trial['number']}", dot, static=True)
+        stream.log(f"/chart/beta/trial_{trial.number}", dot, static=True)
 
 
-def _chart_of_intermediate(
-    stream: rr.RecordingStream, trials: Sequence[dict[str, Any]], betas: np.ndarray
-) -> None:
-    """The curve of every trial; its numbers too, as scalars on the timeline `step`."""
-    sorted_steps = [sorted(trial["intermediate"].items()) for trial in trials]
-    curves = [
-        (np.array([step for step, _ in pairs]), np.array([value for _, value in pairs]))
-        for pairs in sorted_steps
+def _log_intermediate_chart(stream: rr.RecordingStream, trials: Sequence[Trial]) -> None:
+    """Log the intermediate scores of each trial: as a static curve, and as scalars by step."""
+    pairs: list[Any] = [
+        np.array(sorted(trial.intermediate.items()), dtype=np.float64).reshape(-1, 2)
+        for trial in trials
     ]
-    everything = np.concatenate([values for _, values in curves] or [np.empty(0)])
-    steps = np.concatenate([steps for steps, _ in curves] or [np.empty(0)])
-    chart = Chart(Axis.around("step", steps), Axis.around("score", everything))
-    chart.draw(stream, "/chart/intermediate")
-    for trial, (steps, values) in zip(trials, curves, strict=True):
-        if not len(steps):
+    steps, scores = np.concatenate(pairs).T
+    chart = Chart(Axis.around("step", steps), Axis.around("score", scores))
+    chart.log_axes(stream, "/chart/intermediate")
+    for trial, curve in zip(trials, pairs, strict=True):
+        if not len(curve):
             continue
-        name = f"trial_{trial['number']}"
-        send_scalars(stream, f"/intermediate/{name}", "step", steps, finite(values))
+        name = f"trial_{trial.number}"
+        steps, scores = curve.T
+        send_scalars(stream, f"/intermediate/{name}", "step", steps, finite(scores))
         strip = rr.LineStrips2D(
-            [chart.place(steps, values)],
-            colors=[faint(STATE[trial["state"]], 200)],
+            [chart.place(steps, scores)],
+            colors=[faint(TRIAL_STATES[trial.state], 200)],
             radii=rr.Radius.ui_points(1.5),
         )
         stream.log(f"/chart/intermediate/{name}", strip, static=True)

@@ -24,7 +24,8 @@ from study.envs import simulators
 from study.metrics.tables.scores import Outcomes, score
 from study.models.forecasting import forecast_in_parts, load_forecaster, members_of, picked
 from study.models.oracle import Oracle
-from study.recording.examples import choose_examples, illustrate
+from study.recording.examples import choose_examples
+from study.recording.illustration import illustrate
 
 
 def run(
@@ -54,7 +55,7 @@ def run(
         kernel.bandwidth * evaluate.bandwidth,
         kernel.names,
         members_of(forecaster, seeds, evaluate.samples),
-        ruler=isinstance(forecaster, Oracle),
+        reference_shifts=isinstance(forecaster, Oracle),
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
     scores.to_parquet(out / "scores.parquet", index=False)

@@ -11,18 +11,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from study.common.files import copy, read_json
+from study.common.files import copy
 from study.common.progress import Progress
 from study.common.provenance import made_with, settings_of
 from study.config.grid import Cell
 from study.config.stage_settings import RecordSettings
 from study.envs import simulators
 from study.recording.examples import read_examples
-from study.recording.forecasts import record_forecast
+from study.recording.forecast import record_forecast
 from study.recording.integrity import checksum_path
 from study.recording.properties import Properties
 from study.recording.scores import record_scores
-from study.recording.tuning import record_tuning
+from study.recording.tuning import read_trials, record_tuning
 
 
 def run(
@@ -38,8 +38,8 @@ def run(
         copy(recording, out / recording.name)
         copy(checksum_path(recording), checksum_path(out / recording.name))
     if "tuning" in inputs:
-        tuning = read_json(inputs["tuning"] / "tuning.json")
-        record_tuning(out / "tuning.rrd", tuning["trials"], properties)
+        trials = read_trials(inputs["tuning"] / "tuning.json")
+        record_tuning(out / "tuning.rrd", trials, properties)
     progress(0.2, "scores")
     scores = pd.read_parquet(inputs["evaluation"] / "scores.parquet")
     record_scores(out / "scores.rrd", scores, properties)

@@ -1,0 +1,240 @@
+"""``forecast.rrd``: the observed and forecast trajectories of some examples of a cell."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from study.common.arrays import Doubles, Floats
+from study.envs.simulator import Simulator
+from study.plotting.palette import FORECAST, OBSERVED
+from study.recording import bands, blueprints, paths, scenes, viewpoint
+from study.recording.examples import Example
+from study.recording.properties import Properties, write_markdown, write_readme
+from study.recording.streams import (
+    entity_below,
+    entity_path,
+    recording,
+    send_scalars,
+    style_lines,
+)
+from study.recording.variance_split import log_variance_split
+
+KIND = "forecast"
+TIMELINE = "horizon"
+PATHS = 20
+"""Most observed, and most forecast, paths in the 3D view. The other views use all samples."""
+
+
+README = """
+# Forecasts
+
+Each tab shows one scenario of the test set. The panel on its left says which, and by which rule it
+was chosen. From the same initial state s₀ and the same actions a₀ … a_{T−1}:
+
+- the real system was run K times (**observed**, grey);
+- the model forecast K trajectories (**forecast**, blue).
+
+A perfect forecast has the same distribution as the observed trajectories.
+"""
+_HOW_TO_READ = """
+**Grey** is observed, **blue** is forecast. All trajectories start in the same state and follow the
+same actions. A good forecast varies as much as the observed ones: neither more nor less.
+
+- *Observed and forecast paths*: up to 20 of each in the 3D scene. Small dots show where some of
+  them are at the time cursor. **Green** is the target, and the sphere in which the goal counts as
+  reached. The bodies and the **yellow** dot replay one observed trajectory.
+- *Probability of success so far*: the share of trajectories that have reached the target by each
+  step.
+- *State*, on the right: one plot for each dimension of the state. The thick line is the median.
+  Half of the trajectories lie between the inner lines, and 90 % between the outer ones.
+"""
+_OF_MEMBERS = """
+## The ensemble
+
+The ensemble has {members} members: networks that were trained alike and start from different random
+weights. In 3D each member has a colour. A **thick** line is the forecast of a member without noise,
+and **thin** lines of the same colour are samples around it.
+
+- *Epistemic* uncertainty is the difference between the thick lines. It comes from a lack of data.
+- *Aleatoric* uncertainty is the distance of the thin lines from their thick line. It is the noise
+  that the model expects.
+"""
+_OF_SPLIT = """
+*Standard deviation of the position* shows both parts over the horizon. Variances add up:
+total² = epistemic² + aleatoric². Observed trajectories differ by noise alone, so the aleatoric line
+(**yellow**) should lie on the observed one (**grey**). The epistemic line (**vermilion**) becomes
+lower with more data.
+"""
+
+
+def record_forecast(
+    path: Path,
+    simulator: Simulator,
+    examples: Sequence[Example],
+    properties: Properties,
+    readme: str = README,
+    notes: str = "",
+) -> None:
+    """Write the recording of some examples.
+
+    Below the entity of an example, named after its title: `/state/NAME` holds the quantiles of a
+    dimension, `/success/observed` and `/success/forecast` the probability of success so far, and
+    `/position_std` the standard deviation of the position. The timeline is `horizon`, from 1 to T.
+
+    Args:
+        path: the recording.
+        simulator: the real system.
+        examples: one tab each.
+        properties: of the recording.
+        readme: Markdown of the README panel.
+        notes: Markdown that the panel of each example has before its explanation.
+    """
+    titles = _titles(examples)
+    roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
+    quantiles = [(bands.quantiles(e.observed), bands.quantiles(e.forecast)) for e in examples]
+    design = _design(simulator, examples, roots, quantiles)
+    # Hundreds of small entities: an index of them would be larger than their data.
+    with recording(path, KIND, properties, design, footer=False) as stream:
+        write_readme(stream, readme, properties)
+        model = simulator.scene()
+        fixed = scenes.fixed_bodies(model)
+        scenes.log_bodies(stream, "/scene", model, fixed)
+        if examples:
+            pose = simulator.configuration(examples[0].s0)
+            scenes.log_poses(stream, "/scene", model, fixed, pose)
+        for root, example, (observed, forecast) in zip(
+            roots.values(), examples, quantiles, strict=True
+        ):
+            _log_about(stream, root, simulator, example, notes)
+            _log_example(stream, root, simulator, model, example)
+            for dimension, variable in enumerate(simulator.state):
+                entity = entity_below(root, "state", variable.name)
+                bands.log_bands(stream, entity, observed[..., dimension], forecast[..., dimension])
+
+
+def success_so_far(simulator: Simulator, states: Floats, goal: Floats) -> Doubles:
+    """The share [T] of trajectories that have reached the target at or before each step.
+
+    Args:
+        simulator: knows position, target and radius.
+        states: [K, T, D].
+        goal: [G].
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
+        close = distance <= simulator.radius
+    return np.asarray(np.maximum.accumulate(close, axis=-1).mean(axis=0))
+
+
+def _titles(examples: Sequence[Example]) -> list[str]:
+    """The title of each tab; equal titles are numbered from the second on."""
+    titles: list[str] = []
+    for example in examples:
+        title = example.title[:32]
+        count = sum(previous.rstrip("0123456789 ") == title for previous in titles)
+        titles.append(f"{title} {count + 1}" if count else title)
+    return titles
+
+
+def _is_split(example: Example) -> bool:
+    """Whether the forecast's variance is split into aleatoric and epistemic."""
+    return example.aleatoric is not None and example.epistemic is not None
+
+
+def _design(
+    simulator: Simulator,
+    examples: Sequence[Example],
+    roots: dict[str, str],
+    quantiles: Sequence[tuple[Doubles, Doubles]],
+) -> rrb.Blueprint:
+    """The layout, with an axis for each plot of bands and an eye for each scene."""
+    views: dict[str, list[blueprints.Band]] = {}
+    eyes: dict[str, rrb.EyeControls3D] = {}
+    for root, example, (observed, forecast) in zip(
+        roots.values(), examples, quantiles, strict=True
+    ):
+        views[root] = [
+            (
+                bands.title(variable),
+                entity_below(root, "state", variable.name),
+                bands.axis_range(observed[..., dimension], forecast[..., dimension]),
+            )
+            for dimension, variable in enumerate(simulator.state)
+        ]
+        observed_paths = simulator.position(example.observed[:PATHS])
+        eyes[root] = viewpoint.eye(observed_paths, simulator.target(example.goal))
+    split = {root for root, e in zip(roots.values(), examples, strict=True) if _is_split(e)}
+    return blueprints.forecast(roots, views, eyes, split)
+
+
+def _log_about(
+    stream: rr.RecordingStream, root: str, simulator: Simulator, example: Example, notes: str
+) -> None:
+    """Log the panel of an example: where it comes from, its outcome, and how to read its views."""
+    observed = success_so_far(simulator, example.observed, example.goal)[-1]
+    forecast = success_so_far(simulator, example.forecast, example.goal)[-1]
+    seconds = simulator.control_step * len(example.actions)
+    text = (
+        f"# {example.title}\n\n{example.description}\n\n"
+        f"Probability of success within {seconds:.3g} s ({len(example.actions)} steps): "
+        f"**forecast {forecast:.0%}** ({len(example.forecast)} samples), "
+        f"**observed {observed:.0%}** ({len(example.observed)} rollouts).\n\n"
+    )
+    if notes:
+        text += f"{notes}\n\n"
+    text += f"## How to read it\n{_HOW_TO_READ}"
+    if example.members is not None:
+        text += _OF_MEMBERS.format(members=len(example.members))
+    if _is_split(example):
+        text += _OF_SPLIT
+    write_markdown(stream, f"{root}/about", text)
+
+
+def _log_example(
+    stream: rr.RecordingStream, root: str, simulator: Simulator, model: object, example: Example
+) -> None:
+    """Log all views of an example but its bands: scene, paths, success and standard deviation."""
+    _log_scene(stream, f"{root}/scene", simulator, model, example)
+    paths.log_scenario(
+        stream,
+        f"{root}/paths",
+        simulator,
+        example.goal,
+        example.observed[:PATHS],
+        example.forecast[:PATHS],
+        None if example.member is None else example.member[:PATHS],
+        example.members,
+    )
+    _log_success(stream, f"{root}/success", simulator, example)
+    if example.aleatoric is not None and example.epistemic is not None:
+        position = simulator.position(example.observed)
+        entity = f"{root}/position_std"
+        log_variance_split(stream, entity, position, example.aleatoric, example.epistemic)
+
+
+def _log_scene(
+    stream: rr.RecordingStream, root: str, simulator: Simulator, model: object, example: Example
+) -> None:
+    """Log the moving bodies: in s_0 at time 0, then along the first observed trajectory."""
+    states = np.concatenate([example.s0[None], example.observed[0]])
+    states = states[: scenes.finite_steps(states)]
+    moving = scenes.moving_bodies(model)
+    scenes.log_bodies(stream, root, model, moving)
+    qpos = simulator.configuration(states)
+    scenes.log_motion(stream, root, model, moving, qpos, TIMELINE, np.arange(len(states)))
+
+
+def _log_success(
+    stream: rr.RecordingStream, root: str, simulator: Simulator, example: Example
+) -> None:
+    """Log the probability of success so far, observed and forecast."""
+    for name, states, colour, width in (
+        ("observed", example.observed, OBSERVED, 2.0),
+        ("forecast", example.forecast, FORECAST, 3.0),
+    ):
+        share = success_so_far(simulator, states, example.goal)
+        style_lines(stream, f"{root}/{name}", [name], [colour], width)
+        send_scalars(stream, f"{root}/{name}", TIMELINE, np.arange(1, len(share) + 1), share)
