@@ -4,7 +4,7 @@ VENV ?= .venv
 CONFIG ?= configs/quick.yaml
 RUN := $(VENV)/bin/python
 
-.PHONY: study test quicktest lint figures clean
+.PHONY: study test quicktest lint figures pages benchmarks clean
 
 study: $(VENV)/.study
 	$(RUN) -m study.run all --config $(CONFIG)
@@ -24,6 +24,15 @@ lint: $(VENV)/.test
 
 figures: $(VENV)/.study
 	$(RUN) -m study.run figures --config $(CONFIG)
+
+# The tables in the README files, from the committed numbers.
+pages: $(VENV)/.study
+	$(RUN) -m paper_figs.pages
+
+# About 15 minutes on two cores with nothing else running; then the tables in their page.
+benchmarks: $(VENV)/.test
+	$(RUN) -m tests.benchmarks
+	$(RUN) -m paper_figs.pages
 
 # The environment is set up again when its requirements change.
 $(VENV)/.study: pyproject.toml constraints.txt

@@ -25,7 +25,6 @@ def tables(root: Path) -> dict[str, Callable[[], str]]:
         "evaluation": evaluation,
         "training": training,
         "forecasting": forecasting,
-        "recording": recording,
         "scale": scale,
     }
     return {
@@ -98,22 +97,8 @@ def _rates(rows: Rows, groups: tuple[str, ...]) -> str:
     return pipe_table(["", "transitions / s", *(f"× {name}" for name in contenders)], lines)
 
 
-def recording(rows: Rows) -> str:
-    """Seconds of the same training with and without a recording."""
-    lines = [
-        [
-            label(row["model"]),
-            f"{row['without']:.2f}",
-            f"{row['with']:.2f}",
-            _ratio(row["ratio"]),
-        ]
-        for row in rows
-    ]
-    return pipe_table(["processor seconds", "without", "with", "with / without"], lines)
-
-
 def scale(rows: Rows) -> str:
-    """Exponents p of cost ~ size^p."""
+    """The cost of the largest size of each series, and the exponent p of seconds ~ size^p."""
     lines = [
         [
             f"{row['setting']}: {row['work']}",
@@ -124,7 +109,7 @@ def scale(rows: Rows) -> str:
         ]
         for row in rows
     ]
-    heads = ["", "sizes", "seconds at the largest", "MB at the largest", "seconds ~ size to the"]
+    heads = ["", "sizes", "seconds at the largest", "MB at the largest", "exponent of seconds"]
     return pipe_table(heads, lines)
 
 

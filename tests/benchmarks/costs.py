@@ -1,6 +1,7 @@
-"""What one piece of work costs, for `tests.benchmarks.scale`, which gives each its own process."""
+"""The cost of one piece of work, for `tests.benchmarks.scale`."""
 
 import resource
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,42 +14,47 @@ import numpy as np
 
 from study.common.progress import Progress
 from study.common.seeds import spawn
-from study.config.settings import Config
+from study.config.settings import Collect, Config
+from study.config.stage_settings import CollectSettings
 from study.envs import Rollout
 from study.envs.pusher import Pusher
 from study.stages import collect
-from tests.benchmarks.sizes import built, observe
+from tests.benchmarks.sizes import build_model, observe
 from tests.benchmarks.training import BATCH, batch_for, step_of
 
 SCENARIOS = 16
-"""Whose forecasts are timed."""
+"""Scenarios of a timed forecast."""
 STEPS = 3
-"""Of training, the first not counted."""
+"""Training steps; the first is not measured."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one point: seconds of the processor, seconds on the clock, and bytes at the peak."""
+    """Processor seconds, and bytes at the peak."""
 
-    processor: float
-    clock: float
+    seconds: float
     memory: float
 
 
 def cost_of(work: Callable[[], object]) -> Cost:
-    """Do it once."""
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    clock, processor = time.perf_counter(), time.process_time()
+    """The cost of doing the work once."""
+    before, start = _peak(), time.process_time()
     work()
-    processor, clock = time.process_time() - processor, time.perf_counter() - clock
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return Cost(processor, clock, 1024.0 * (after - before))
+    seconds = time.process_time() - start
+    return Cost(seconds, _peak() - before)
+
+
+def _peak() -> float:
+    """Peak memory of this process in bytes."""
+    # Bytes on macOS, kibibytes elsewhere.
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 def collection(count: int, physics: bool) -> Cost:
-    """Stage collect, with two scenarios each to validate and to test on."""
-    sizes = {"trajectories": count, "validation": 2, "scenarios": 2, "rollouts": 2}
-    settings = {"environment": "pusher", "collect": sizes | {"horizon": None, "seed": 0}}
+    """Stage collect, with two validation and two test scenarios."""
+    sizes = Collect(trajectories=count, validation=2, scenarios=2, rollouts=2)
+    settings = CollectSettings("pusher", Pusher.version, sizes)
 
     def constant_plan(self: Pusher, scenarios: Any, seeds: Any) -> Any:
         return np.full((len(seeds), self.horizon, len(self.action)), 0.5, np.float32)
@@ -69,14 +75,13 @@ def collection(count: int, physics: bool) -> Cost:
 
 
 def training(name: str, config: Config, horizon: int | None = None) -> Cost:
-    """One step on one batch."""
+    """One training step on one batch."""
     data = observe("pusher", BATCH, horizon)
-    model = built(name, config, data)
+    model = build_model(name, config, data)
     step = step_of(model, batch_for(name, config, model, data))
     costs = [cost_of(step) for _ in range(STEPS)]
     return Cost(
-        float(np.median([cost.processor for cost in costs[1:]])),
-        float(np.median([cost.clock for cost in costs[1:]])),
+        float(np.median([cost.seconds for cost in costs[1:]])),
         max(cost.memory for cost in costs),
     )
 
@@ -84,7 +89,7 @@ def training(name: str, config: Config, horizon: int | None = None) -> Cost:
 def forecasting(name: str, config: Config, samples: int, horizon: int | None = None) -> Cost:
     """Forecasts of `SCENARIOS` scenarios."""
     data = observe("pusher", SCENARIOS, horizon)
-    model = built(name, config, data).eval()
+    model = build_model(name, config, data).eval()
     s0, actions, seeds = data.states[:, 0], data.actions, spawn(0, len(data))
     model.forecast(s0[:1], actions[:1], 2, seeds[:1])
     return cost_of(lambda: model.forecast(s0, actions, samples, seeds))

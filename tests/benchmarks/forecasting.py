@@ -1,19 +1,19 @@
 """How fast models forecast: ``python -m tests.benchmarks.forecasting``.
 
-Sampled transitions per second, on one thread, in turn, for each environment:
+Sampled transitions per second on one thread, each contender in turn, for each environment:
 
-- *simulator*: `repeat_rollouts`, as stage collect observes the test scenarios: what a forecast has
-  to be faster than, to be worth its errors;
 - *ours*: `Model.forecast`, random numbers and units included;
-- *torch.nn*: the same with its recurrent networks written with `GRUCell`
-  (`tests/benchmarks/plain.py`), without derivatives.
+- *simulator*: `repeat_rollouts`, as stage collect observes the test scenarios;
+- *torch.nn*: the same model with its recurrent networks in `GRUCell` (`tests/benchmarks/plain.py`),
+  without derivatives.
 
-The ensemble's K samples of a scenario are M forecasts, each computed once: it alone is given more
-scenarios for it.
+The ensemble computes each member's forecast of a scenario once, whatever the number of samples. It
+gets more scenarios than the others.
 """
 
 import argparse
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -24,76 +24,95 @@ from study.data.trajectories import Trajectories
 from study.envs import simulators
 from study.envs.observe import repeat_rollouts
 from tests.benchmarks.plain import plain
-from tests.benchmarks.sizes import MODELS, SIZES, built, observe
-from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast, verdict
+from tests.benchmarks.report import save
+from tests.benchmarks.sizes import MODELS, SIZES, build_model, observe
+from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast
 
-PLAIN_TARGET, SIMULATOR_TARGET = 3.0, 1.0
 SAMPLES, SCENARIOS, SIMULATED = 100, 40, 10
-"""Of each scenario; forecast; simulated, since that is slower."""
+"""Samples of each scenario; scenarios that are forecast; scenarios that are simulated."""
+LARGEST_DIFFERENCE = 1e-3
+"""Between our forecasts and those of `torch.nn`, normalized."""
+SIMULATOR, PLAIN = "simulator", "torch.nn"
+
+Contender = tuple[Callable[[], object], int]
+"""What is timed, and how many transitions it samples."""
 
 
-def contenders(
-    environment: str, config: Config, data: Trajectories
-) -> dict[str, tuple[Callable[[], object], int]]:
-    """What is timed, and how many transitions it samples."""
+def simulation(environment: str, data: Trajectories) -> Contender:
+    """Rollouts of the simulator."""
     simulator = simulators[environment](horizon=data.horizon)
-    s0, actions, seeds = data.states[:, 0], data.actions, spawn(0, len(data))
-    few = slice(SIMULATED)
-    found: dict[str, tuple[Callable[[], object], int]] = {
-        "simulator": (
-            lambda: list(
-                repeat_rollouts(simulator, s0[few], actions[few], SAMPLES, seeds[few], Progress())
-            ),
-            SIMULATED * SAMPLES * data.horizon,
-        )
+    s0, actions = data.states[:SIMULATED, 0], data.actions[:SIMULATED]
+    seeds = spawn(0, SIMULATED)
+
+    def run() -> object:
+        return list(repeat_rollouts(simulator, s0, actions, SAMPLES, seeds, Progress()))
+
+    return run, SIMULATED * SAMPLES * data.horizon
+
+
+def forecasts(name: str, config: Config, data: Trajectories) -> dict[str, Contender]:
+    """Forecasts of a model, ours and by `torch.nn`."""
+    count = len(data) if name == "ensemble" else SCENARIOS
+    s0, actions, seeds = data.states[:count, 0], data.actions[:count], spawn(0, count)
+    work = count * SAMPLES * data.horizon
+    model = build_model(name, config, data).eval()
+    found: dict[str, Contender] = {
+        "ours": (lambda: model.forecast(s0, actions, SAMPLES, seeds), work)
     }
-    for name in MODELS:
-        count = len(data) if name == "ensemble" else SCENARIOS
-        given = (s0[:count], actions[:count], SAMPLES, seeds[:count])
-        model = built(name, config, data).eval()
-        work = count * SAMPLES * data.horizon
-        # Bound to its own model: each name is of this turn of the loop.
-        found[name] = (lambda model=model, given=given: model.forecast(*given), work)  # type: ignore[misc]
-        if name == "probabilistic_mlp":
-            continue
-        rival = plain(model).eval()
+    if name != "probabilistic_mlp":
+        copy = plain(model).eval()
         one = (s0[:1], actions[:1], 2, seeds[:1])
-        apart = np.abs(model.forecast(*one) - rival.forecast(*one)) / model.state_scale.numpy()
-        assert apart.max() < 1e-3, f"{name}: torch.nn's forecast is off by {apart.max()}"
-        found[f"{name} by torch.nn"] = (
-            lambda model=rival, given=given: model.forecast(*given),  # type: ignore[misc]
-            work,
-        )
+        difference = np.abs(model.forecast(*one) - copy.forecast(*one)) / model.state_scale.numpy()
+        assert difference.max() < LARGEST_DIFFERENCE, f"{name}: {difference.max()}"
+        found[PLAIN] = lambda: copy.forecast(s0, actions, SAMPLES, seeds), work
     return found
 
 
+def measure(environment: str, size: str, data: Trajectories, repeats: int) -> list[dict[str, Any]]:
+    """The rows of one environment and size."""
+    timed = {(SIMULATOR, SIMULATOR): simulation(environment, data)}
+    for name in MODELS:
+        for contender, run in forecasts(name, SIZES[size], data).items():
+            timed[name, contender] = run
+    runs = {"/".join(key): run for key, (run, _) in timed.items()}
+    timings = interleave(runs, repeats)
+    rows = []
+    for name in MODELS:
+        ours, work = timings[f"{name}/ours"], timed[name, "ours"][1]
+        others = {"ours": (name, "ours"), SIMULATOR: (SIMULATOR, SIMULATOR), PLAIN: (name, PLAIN)}
+        for contender, key in others.items():
+            if key in timed:
+                theirs, their_work = timings["/".join(key)], timed[key][1]
+                rows.append(
+                    {
+                        "environment": environment,
+                        "size": size,
+                        "model": name,
+                        "contender": contender,
+                        "rate": their_work / theirs.median(),
+                        "ratio": times_as_fast(ours, theirs, work / their_work),
+                    }
+                )
+    return rows
+
+
 def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Measure, print and save."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--environments", nargs="+", default=["pusher", "uav"])
     parser.add_argument("--repeats", type=int, default=3)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     as_a_worker()
-    for environment in given.environments:
+    rows = []
+    for environment in arguments.environments:
         data = observe(environment, 4 * SCENARIOS)
-        for size, config in SIZES.items():
-            print(f"\n{environment}, {size} size, {SAMPLES} samples, horizon {data.horizon}")
-            timed = contenders(environment, config, data)
-            timings = interleave({name: run for name, (run, _) in timed.items()}, given.repeats)
-            for name, (_, work) in timed.items():
-                rate = work / timings[name].median()
-                line = f"  {name:30} {rate:12,.0f} transitions/s"
-                if name in MODELS:
-                    share = work / timed["simulator"][1]
-                    ratio, least, most = times_as_fast(timings[name], timings["simulator"], share)
-                    line += f"   {ratio:5.1f} × the simulator ({least:.1f} to {most:.1f})"
-                    line += f", {verdict(ratio, SIMULATOR_TARGET)}"
-                    rival = f"{name} by torch.nn"
-                    if rival in timed:
-                        ratio, least, most = times_as_fast(timings[name], timings[rival])
-                        line += f"   {ratio:4.2f} × torch.nn ({least:.2f} to {most:.2f})"
-                        line += f", {verdict(ratio, PLAIN_TARGET)}"
-                print(line)
+        for size in SIZES:
+            measured = measure(environment, size, data, arguments.repeats)
+            for row in measured:
+                name = "{environment:7} {size:6} {model:18} {contender:10}".format(**row)
+                print(f"{name} {row['rate']:12,.0f} /s; ours × {row['ratio'][0]:.2f}", flush=True)
+            rows += measured
+    save("forecasting", rows)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Models and data of the sizes that the benchmarks are about."""
+"""Models and data at the sizes that the benchmarks measure."""
 
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import torch
@@ -11,8 +11,8 @@ from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories, joined
 from study.envs import simulators
 from study.envs.observe import observe_trajectories
-from study.models import Model
-from study.models.checkpoints import build
+from study.models import Model, models
+from study.models.rnn_ensemble import RnnEnsemble, RnnEnsembleSettings
 
 MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp")
 SIZES = {
@@ -21,7 +21,7 @@ SIZES = {
         ensemble=Ensemble(hidden_size=128), vae=Vae(hidden_size=128), mlp=Mlp(hidden_size=256)
     ),
 }
-"""Configurations with the widths of ``configs/quick.yaml`` and ``configs/paper.yaml``."""
+"""Configurations with the hidden sizes of ``configs/quick.yaml`` and ``configs/paper.yaml``."""
 
 
 def observe(environment: str, count: int, horizon: int | None = None) -> Trajectories:
@@ -30,19 +30,27 @@ def observe(environment: str, count: int, horizon: int | None = None) -> Traject
     return joined(observe_trajectories(simulator, count, 0, Progress()))
 
 
-def built(name: str, config: Config, data: Trajectories) -> Model:
-    """A model as it is before training, that never forces its networks with true states."""
-    free = replace(
+def build_model(name: str, config: Config, data: Trajectories) -> Any:
+    """A model with initial weights, that is never teacher forced.
+
+    Args:
+        name: of `MODELS`.
+        config: its settings.
+        data: gives the normalization.
+    """
+    torch.manual_seed(0)
+    normalization = Normalization.of(data)
+    config = replace(
         config,
         ensemble=replace(config.ensemble, teacher_forcing_fraction=0.0),
         vae=replace(config.vae, teacher_forcing="never"),
     )
-    sections: dict[str, Any] = {
-        section: asdict(getattr(free, section)) for section in ("ensemble", "vae", "mlp", "train")
-    }
-    torch.manual_seed(0)
-    normalization = Normalization.of(data)
-    ensemble: Any = build("ensemble", normalization, sections)
+    ensemble = RnnEnsemble(normalization, RnnEnsembleSettings(config.ensemble))
     if name == "ensemble":
         return ensemble
-    return build(name, normalization, sections, 1.0, ensemble)
+    model: type[Model] = models[name]
+    sections = {entry.name: getattr(config, entry.name) for entry in fields(model.settings_class)}
+    arguments: dict[str, Any] = {"beta": 1.0} if model.tunes_beta else {}
+    if model.uses_ensemble:
+        arguments["ensemble"] = ensemble
+    return model(normalization, model.settings_class(**sections), **arguments)

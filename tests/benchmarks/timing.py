@@ -1,4 +1,4 @@
-"""Timing side by side, as the benchmarks need it."""
+"""Timing of several contenders in turn."""
 
 import os
 import sys
@@ -12,48 +12,54 @@ import torch
 from study.workflow.engine import MEMORY
 
 
-def as_a_worker() -> None:
-    """One thread, and memory handled as in the study's worker processes; for all contenders.
+def cores() -> int:
+    """The processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
-    The environment has its say only before a process starts, so the script starts again with it.
+
+def as_a_worker() -> None:
+    """Use one thread, and handle memory as the study's worker processes do.
+
+    The settings of memory count only when a process starts, so the script starts again with them.
     """
-    wanted = MEMORY | {"OMP_NUM_THREADS": "1"}
-    if any(os.environ.get(name) != value for name, value in wanted.items()):
-        os.execve(sys.executable, sys.orig_argv, os.environ | wanted)
+    settings = MEMORY | {"OMP_NUM_THREADS": "1"}
+    if any(os.environ.get(name) != value for name, value in settings.items()):
+        os.execve(sys.executable, sys.orig_argv, os.environ | settings)
     torch.set_num_threads(1)
 
 
 @dataclass
 class Timing:
-    """Seconds of each repeat: of the processor, and on the clock."""
+    """Processor seconds of every repeat; other programs matter less to them than to the clock."""
 
-    processor: list[float] = field(default_factory=list)
-    clock: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
 
     def median(self) -> float:
-        """Of the processor's seconds: what other programs do matters less to it."""
-        return float(np.median(self.processor))
+        """Median over the repeats."""
+        return float(np.median(self.seconds))
 
 
 def interleave(contenders: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, Timing]:
-    """Run all contenders in turn, `repeats` times, after once unmeasured."""
+    """Run all contenders in turn, once unmeasured and then `repeats` times."""
     timings = {name: Timing() for name in contenders}
     for repeat in range(-1, repeats):
         for name, run in contenders.items():
-            clock, processor = time.perf_counter(), time.thread_time()
+            start = time.thread_time()
             run()
             if repeat >= 0:
-                timings[name].processor.append(time.thread_time() - processor)
-                timings[name].clock.append(time.perf_counter() - clock)
+                timings[name].seconds.append(time.thread_time() - start)
     return timings
 
 
-def times_as_fast(ours: Timing, theirs: Timing, work: float = 1.0) -> tuple[float, float, float]:
-    """Median, least and greatest ratio of rates over the repeats; `work`: ours by theirs."""
-    ratios = work * np.divide(theirs.processor, ours.processor)
-    return float(np.median(ratios)), float(ratios.min()), float(ratios.max())
+def times_as_fast(ours: Timing, theirs: Timing, work: float = 1.0) -> list[float]:
+    """Median, least and greatest ratio of our rate to theirs over the repeats.
 
-
-def verdict(ratio: float, target: float) -> str:
-    """Of a ratio that is wanted to be at least so much."""
-    return f"at least {target}: {'yes' if ratio >= target else 'no'}"
+    Args:
+        ours: our timing.
+        theirs: the other contender's timing.
+        work: our amount of work divided by theirs.
+    """
+    ratios = work * np.divide(theirs.seconds, ours.seconds)
+    return [float(np.median(ratios)), float(ratios.min()), float(ratios.max())]

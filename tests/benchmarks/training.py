@@ -1,23 +1,23 @@
 """How fast models are trained: ``python -m tests.benchmarks.training``.
 
-Transitions per second of a whole step, loss, derivative and Adam, on one thread, in turn:
+Transitions per second of a training step (loss, derivative and Adam) on one thread, each contender
+in turn:
 
-- *ours*: the model's `training_step`, free running; *in plain torch*: the same without a compiler;
-- *torch.nn*: as one would write it with `GRUCell` and `GRU` (`tests/benchmarks/plain.py`);
-- *mbrl*: for the MLP, `GaussianMLP.update` of mbrl 0.2, a network of the same width, on the same
-  transitions, and in batches of 256, its own default;
-- *float32 limit*: the matrix products' operations alone, as one large product; and in *bfloat16*,
-  where the processor has instructions for it.
+- *ours*: the model's `training_step`, autoregressive;
+- *no compiler*: the same without a C compiler;
+- *torch.nn*: the same with `GRUCell` and `GRU` (`tests/benchmarks/plain.py`);
+- *mbrl*: for the MLP, `GaussianMLP.update` of mbrl 0.2, a network of the same size on the same
+  transitions, and in batches of 256, its default;
+- *float32 limit*: the operations of the matrix products, as one large product.
 
-For the ensemble a transition counts once for each member that learns from it. mbrl is measured
-where it is installed; to have it for this script alone:
+For the ensemble a transition counts once for each member. mbrl is measured where it is installed:
 
     python -m tests.benchmarks.with_mbrl -m tests.benchmarks.training
 """
 
 import argparse
+import importlib.util
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -27,26 +27,28 @@ from torch import Tensor
 from study.config.settings import Config
 from study.data.trajectories import Trajectories
 from study.models import Model
-from study.models.gru import native
+from study.models.gru import kernel
 from tests.benchmarks.plain import plain
-from tests.benchmarks.sizes import MODELS, SIZES, built, observe
-from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast, verdict
+from tests.benchmarks.report import save
+from tests.benchmarks.sizes import MODELS, SIZES, build_model, observe
+from tests.benchmarks.timing import as_a_worker, interleave, times_as_fast
 
-PLAIN_TARGET, MBRL_TARGET, LIMIT_TARGET = 2.5, 2.0, 1.0
 BATCH, SIDE, MBRL_BATCH = 64, 1024, 256
+LARGEST_DIFFERENCE = 1e-4
+"""Between our loss and that of `torch.nn`."""
 Run = Callable[[], object]
 
 
 def operations(name: str, config: Config, state: int, action: int) -> int:
     """Floating-point operations of the matrix products, for one transition.
 
-    A product [rows, I] · [I, O] takes 2 I O operations a row, its derivative by the weights as
-    many, and by the input again as many, where the input has one: data have none. The gates'
-    pointwise operations and what happens once a trajectory are left out.
+    A product [rows, I] · [I, O] takes 2 I O operations a row. Its derivative by the weights takes
+    as many, and that by the input again as many, unless the input is data. The gates' pointwise
+    operations, and what happens once a trajectory, are left out.
     """
     latent = config.vae.latent_size
     hidden = config.ensemble.hidden_size if name == "ensemble" else config.vae.hidden_size
-    layers: list[tuple[int, int, bool]]  # I, O, whether the input has a derivative
+    layers: list[tuple[int, int, bool]]  # I, O, whether there is a derivative by the input
     if name == "ensemble":
         layers = [(action, 3 * hidden, False), (state, 3 * hidden, True)]
         layers += [(hidden, 3 * hidden, True), (hidden, state, True)]
@@ -57,24 +59,25 @@ def operations(name: str, config: Config, state: int, action: int) -> int:
     else:
         condition = action + (state if name == "residual_vae" else 0)
         layers = [(2 * state + condition, 3 * hidden, False), (hidden, 3 * hidden, True)]
-        layers += [(hidden, 2 * latent, True)]  # the encoder ends, the decoder begins
+        layers += [(hidden, 2 * latent, True)]  # the last of the encoder
         layers += [(condition, 3 * hidden, False), (latent + state, 3 * hidden, True)]
         layers += [(hidden, 3 * hidden, True), (hidden, 2 * state, True)]
     return sum(2 * i * o * (3 if derived else 2) for i, o, derived in layers)
 
 
-def batch_for(name: str, config: Config, model: Model, data: Trajectories) -> dict[str, Tensor]:
-    """A training batch, as `TrajectoryDataModule` gives it."""
-    state_scale, action_scale = model.state_scale, model.action_scale
-    states = (torch.from_numpy(data.states) - model.state_mean) / state_scale
-    actions = (torch.from_numpy(data.actions) - model.action_mean) / action_scale
-    batch = {"states": states, "actions": actions}
-    count = config.ensemble.members
+def batch_for(name: str, config: Config, model: Any, data: Trajectories) -> dict[str, Tensor]:
+    """A training batch, as `TrajectoryDataModule` makes it."""
+    states, actions = (torch.from_numpy(values) for values in (data.states, data.actions))
+    batch = {
+        "states": model.normalize_states(states),
+        "actions": (actions - model.action_mean) / model.action_scale,
+    }
     if name == "ensemble":
-        return {key: torch.stack([each] * count) for key, each in batch.items()}
+        streams = config.ensemble.members
+        return {key: torch.stack([values] * streams) for key, values in batch.items()}
     if name == "residual_vae":
         with torch.no_grad():
-            batch["members"] = model.ensemble(states[:, 0], actions)  # type: ignore[operator]
+            batch["members"] = model.ensemble(batch["states"][:, 0], batch["actions"])
     return batch
 
 
@@ -86,10 +89,10 @@ def loss_of(model: Model, batch: dict[str, Tensor]) -> Tensor:
 
 
 def step_of(model: Model, batch: dict[str, Tensor]) -> Run:
-    """One step of training."""
-    wanted = [parameter for parameter in model.parameters() if parameter.requires_grad]
-    # Of no size: every repeat does the same arithmetic, on numbers of the same kind.
-    optimizer = torch.optim.Adam(wanted, lr=0.0)
+    """One training step."""
+    parameters = [parameter for parameter in model.parameters() if parameter.requires_grad]
+    # With a rate of 0 every repeat computes with the same numbers.
+    optimizer = torch.optim.Adam(parameters, lr=0.0)
 
     def step() -> None:
         optimizer.zero_grad()
@@ -100,25 +103,25 @@ def step_of(model: Model, batch: dict[str, Tensor]) -> Run:
 
 
 def without_compiler(run: Run) -> Run:
-    """The same where no library was built, as with ``STUDY_COMPILED=0``."""
+    """The same run as with ``STUDY_COMPILED=0``."""
 
-    def plainly() -> None:
-        with mock.patch.object(native, "library", return_value=None):
+    def patched() -> None:
+        with mock.patch.object(kernel, "library", return_value=None):
             run()
 
-    return plainly
+    return patched
 
 
 def mbrl_steps(config: Config, batch: dict[str, Tensor], size: int) -> Run:
-    """mbrl's network on the batch's transitions, so many of them a step."""
+    """Training steps of mbrl's network on the batch's transitions, `size` of them a step."""
     from mbrl.models import GaussianMLP
 
     states, actions = batch["states"], batch["actions"]
-    seen = torch.cat([states[:, :-1], actions], -1).flatten(0, 1)
-    change = (states[:, 1:] - states[:, :-1]).flatten(0, 1)
+    inputs = torch.cat([states[:, :-1], actions], -1).flatten(0, 1)
+    targets = (states[:, 1:] - states[:, :-1]).flatten(0, 1)
     network = GaussianMLP(
-        seen.shape[1],
-        change.shape[1],
+        inputs.shape[1],
+        targets.shape[1],
         "cpu",
         num_layers=config.mlp.layers,
         hid_size=config.mlp.hidden_size,
@@ -128,69 +131,37 @@ def mbrl_steps(config: Config, batch: dict[str, Tensor], size: int) -> Run:
     optimizer = torch.optim.Adam(network.parameters(), lr=0.0)
 
     def steps() -> None:
-        for part in zip(seen.split(size), change.split(size), strict=True):
+        for part in zip(inputs.split(size), targets.split(size), strict=True):
             network.update(part[0], optimizer, part[1])
 
     return steps
 
 
-def product_of(dtype: torch.dtype) -> Run:
+def large_product() -> Run:
     """One large matrix product."""
-    left, right = (torch.randn(SIDE, SIDE).to(dtype) for _ in range(2))
-    out = torch.empty(SIDE, SIDE, dtype=dtype)
+    left, right = torch.randn(SIDE, SIDE), torch.randn(SIDE, SIDE)
+    out = torch.empty(SIDE, SIDE)
     return lambda: torch.matmul(left, right, out=out)
 
 
-def has_bfloat16() -> bool:
-    """Whether the processor has instructions for it; without them a product takes minutes."""
-    try:
-        flags = Path("/proc/cpuinfo").read_text().split()
-    except OSError:
-        return False
-    return "avx512_bf16" in flags or "amx_bf16" in flags
-
-
-def has_mbrl() -> bool:
-    """Whether mbrl and what it needs is installed."""
-    try:
-        import mbrl.models  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
-def measure(name: str, config: Config, data: Trajectories, repeats: int) -> dict[str, float]:
-    """Print one model's table; ratios by contender."""
-    model = built(name, config, data)
+def contenders(name: str, config: Config, data: Trajectories) -> dict[str, tuple[Run, float]]:
+    """What is timed, and the transitions that it trains on."""
+    model = build_model(name, config, data)
     batch = batch_for(name, config, model, data)
-    step = step_of(model, batch)
-    transitions = batch["actions"][..., 0].numel()
-    needed = operations(name, config, model.state_size, model.action_size) * transitions
-    runs: dict[str, tuple[Run, float]] = {"ours": (step, 1.0)}  # with the work of each, by ours
+    step, count = step_of(model, batch), batch["actions"][..., 0].numel()
+    found: dict[str, tuple[Run, float]] = {"ours": (step, count)}
     if name != "probabilistic_mlp":
-        rival = plain(model)
-        apart = _loss(model, batch) - _loss(rival, batch)
-        assert abs(apart) < 1e-4, f"the loss of torch.nn is off by {apart}"
-        runs["ours in plain torch"] = without_compiler(step), 1.0
-        runs["torch.nn"] = step_of(rival, batch), 1.0
-    elif has_mbrl():
-        runs["mbrl"] = mbrl_steps(config, batch, transitions), 1.0
-        runs[f"mbrl, batches of {MBRL_BATCH}"] = mbrl_steps(config, batch, MBRL_BATCH), 1.0
-    runs["float32 limit"] = product_of(torch.float32), 2 * SIDE**3 / needed
-    if has_bfloat16():
-        runs["bfloat16 limit"] = product_of(torch.bfloat16), 2 * SIDE**3 / needed
-    timings = interleave({label: run for label, (run, _) in runs.items()}, repeats)
-    ratios = {}
-    for label, (_, work) in runs.items():
-        rate = work * transitions / timings[label].median()
-        ratio, least, most = times_as_fast(timings["ours"], timings[label], 1 / work)
-        clock = work * transitions / float(torch.tensor(timings[label].clock).median())
-        ratios[label] = ratio
-        print(
-            f"  {name:17} {label:22} {rate:11,.0f} /s {clock:11,.0f} /s by the clock"
-            f"   ours is {ratio:5.2f} × ({least:.2f} to {most:.2f})"
-        )
-    return ratios
+        copy = plain(model)
+        difference = abs(_loss(model, batch) - _loss(copy, batch))
+        assert difference < LARGEST_DIFFERENCE, f"{name}: {difference}"
+        found["no compiler"] = without_compiler(step), count
+        found["torch.nn"] = step_of(copy, batch), count
+    elif importlib.util.find_spec("mbrl"):
+        found["mbrl"] = mbrl_steps(config, batch, count), count
+        found[f"mbrl, batches of {MBRL_BATCH}"] = mbrl_steps(config, batch, MBRL_BATCH), count
+    each = operations(name, config, model.state_size, model.action_size)
+    found["float32 limit"] = large_product(), 2 * SIDE**3 / each
+    return found
 
 
 def _loss(model: Model, batch: dict[str, Tensor]) -> float:
@@ -199,27 +170,40 @@ def _loss(model: Model, batch: dict[str, Tensor]) -> float:
         return float(loss_of(model, batch))
 
 
+def measure(size: str, name: str, data: Trajectories, repeats: int) -> list[dict[str, Any]]:
+    """The rows of one model and size."""
+    timed = contenders(name, SIZES[size], data)
+    timings = interleave({label: run for label, (run, _) in timed.items()}, repeats)
+    ours = timed["ours"][1]
+    return [
+        {
+            "size": size,
+            "model": name,
+            "contender": label,
+            "rate": count / timings[label].median(),
+            "ratio": times_as_fast(timings["ours"], timings[label], ours / count),
+        }
+        for label, (_, count) in timed.items()
+    ]
+
+
 def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Measure, print and save."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--environment", default="pusher")
     parser.add_argument("--repeats", type=int, default=9)
-    given: Any = parser.parse_args()
+    arguments = parser.parse_args()
     as_a_worker()
-    data = observe(given.environment, BATCH)
-    for size, config in SIZES.items():
-        print(f"\n{size} size, {given.environment}, batch {BATCH}, horizon {data.horizon}")
+    data = observe(arguments.environment, BATCH)
+    rows = []
+    for size in SIZES:
         for name in MODELS:
-            ratios = measure(name, config, data, given.repeats)
-            if "torch.nn" in ratios:
-                print(f"    of torch.nn, {verdict(ratios['torch.nn'], PLAIN_TARGET)}", end="")
-                print(f"; of the limit, {verdict(ratios['float32 limit'], LIMIT_TARGET)}")
-            if "mbrl" in ratios:
-                print(f"    of mbrl, {verdict(ratios['mbrl'], MBRL_TARGET)}")
-    if not has_bfloat16():
-        print("\nno bfloat16: this processor has no instructions for it")
-    if not has_mbrl():
-        print("\nno mbrl: it is not installed; the first lines of this script say how")
+            measured = measure(size, name, data, arguments.repeats)
+            for row in measured:
+                label = "{size:6} {model:18} {contender:22}".format(**row)
+                print(f"{label} {row['rate']:12,.0f} /s; ours × {row['ratio'][0]:.2f}", flush=True)
+            rows += measured
+    save("training", rows)
 
 
 if __name__ == "__main__":

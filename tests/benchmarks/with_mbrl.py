@@ -1,8 +1,8 @@
-"""Python with mbrl 0.2.0 at hand: ``python -m tests.benchmarks.with_mbrl [ARGUMENTS]``.
+"""Python with mbrl 0.2.0: ``python -m tests.benchmarks.with_mbrl [ARGUMENTS]``.
 
-mbrl pins old versions of what the study needs. So it is installed without them, with what it needs
-besides, in a folder of its own that is gone afterwards; the study's environment stays as it is.
-ARGUMENTS are those of `python`. Without any, the agreement of the probabilistic MLPs is tested:
+mbrl needs old versions of packages of the study. So it is installed without its requirements, next
+to the few that it uses, in a temporary folder. The study's environment does not change. ARGUMENTS
+are those of `python`. Without any, the agreement of the two probabilistic MLPs is tested:
 
     python -m tests.benchmarks.with_mbrl
     python -m tests.benchmarks.with_mbrl -m tests.benchmarks.training
@@ -24,17 +24,16 @@ AGREEMENT = ("-m", "pytest", "-v", "tests/models/test_mbrl.py")
 
 
 def run(arguments: list[str]) -> int:
-    """Run Python with mbrl; what it returned."""
+    """Run Python with mbrl; returns the exit code."""
     with TemporaryDirectory(prefix="mbrl-") as folder:
         install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
-        done = subprocess.run([*install, "--target", folder, *PACKAGES], check=False)
-        if done.returncode:
-            return done.returncode
-        seen = os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))
+        installed = subprocess.run([*install, "--target", folder, *PACKAGES], check=False)
+        if installed.returncode:
+            return installed.returncode
+        path = os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))
         command = [sys.executable, *(arguments or AGREEMENT)]
-        return subprocess.run(
-            command, env=os.environ | {"PYTHONPATH": seen}, check=False
-        ).returncode
+        environment = os.environ | {"PYTHONPATH": path}
+        return subprocess.run(command, env=environment, check=False).returncode
 
 
 if __name__ == "__main__":
