@@ -1,42 +1,49 @@
 """Brier score of forecast outcomes: the mean squared error of a probability (Brier 1950).
 
-Section IV-D of the paper. The forecast probability p of a scenario is the share of its K samples
-in which the goal succeeds, and the score is the mean of (p - o)² over the outcomes o of *every*
-observed rollout of the scenario. A sample that holds a value that is not finite has no outcome: it
-counts as the wrong one against each observation, as success where the rollout failed and as
-failure where it succeeded.
+See section IV-D of the paper. The forecast probability p of a scenario is the share of its K
+samples in which the outcome happens. The score is the mean of (p - o)² over the outcomes o of all
+observed rollouts of the scenario.
+
+A sample with a non-finite value has no outcome. It counts as wrong against each observation: as
+success where the rollout failed, and as failure where the rollout succeeded.
+
+*Skill* places a mean score between that of the climatology (0) and that of the oracle (1). All
+tables use the function `skill`. The scores of forecaster and oracle must both be fair, or both be
+plain.
 """
 
 import numpy as np
 
 from study.common.arrays import Array, Doubles
 
+SMALLEST_RANGE = 0.002
+"""Smallest difference of the climatology's and the oracle's scores for which skill is defined."""
+
 
 def brier(forecast: Array, observed: Array, valid: Array | None = None) -> Doubles:
-    """Brier score of each scenario [S, ...]: 0 is best; 0.25 for p = 1/2 whatever happens.
+    """Brier score of each scenario [S, ...]: 0 is best; p = 1/2 always scores 0.25.
 
     Args:
-        forecast: [S, K, ...] bool, whether the goal succeeds in each sample. What follows the
-            first two axes (steps, say) is scored on its own.
-        observed: [S, L, ...] bool, whether it did in each rollout.
-        valid: [S, K] bool, which samples are finite throughout; all if None.
+        forecast: [S, K, ...] bool, whether the outcome happens in each sample. Each element of the
+            trailing axes, such as steps, is scored separately.
+        observed: [S, L, ...] bool, whether the outcome happens in each rollout.
+        valid: [S, K] bool, which samples are finite; all if None.
     """
     base, if_success, if_failure = _probabilities(forecast, observed, valid)
     return base * (1 - if_success) ** 2 + (1 - base) * if_failure**2
 
 
 def brier_fair(forecast: Array, observed: Array, valid: Array | None = None) -> Doubles:
-    """Fair Brier score of each scenario [S, ...]: of the forecaster, not of its K samples.
+    """Fair Brier score of each scenario [S, ...]: the score without the error of finite sampling.
 
-    A share p of K independent samples scores p (1 - p) / K worse, on average, than the probability
-    π that it estimates. Without p (1 - p) / (K - 1), an unbiased estimate of that excess, the
-    score expects what π itself would score, whatever K is (Ferro 2014, "Fair scores for ensemble
-    forecasts", eq. 6). Forecasters with different numbers of samples can be compared, and good
-    ones can score less than 0 where they happen to be lucky. Where samples are not finite, each
-    observation is scored with its own p (see the module): the expectation is the score of
-    infinitely many samples, the same share of which are not finite.
+    The share p of K independent samples estimates a probability π. Its expected score is
+    π (1 - π) / K above that of π. The fair score subtracts p (1 - p) / (K - 1), an unbiased
+    estimate of this excess (Ferro 2014, "Fair scores for ensemble forecasts", eq. 6). Its
+    expectation is the score of π for any K, so forecasters with different K are comparable. It can
+    be negative by chance. With non-finite samples, the expectation is the score of infinitely many
+    samples with the same share of non-finite ones.
 
-    Arguments as of `brier`.
+    The arguments are those of `brier`.
 
     Raises:
         ValueError: fewer than two samples.
@@ -52,9 +59,9 @@ def brier_fair(forecast: Array, observed: Array, valid: Array | None = None) -> 
 def _probabilities(
     forecast: Array, observed: Array, valid: Array | None
 ) -> tuple[Doubles, Doubles, Doubles]:
-    """Share of rollouts that succeed, and the forecast that is scored if they do, if they do not.
+    """Three arrays [S, ...]: base rate, forecast scored on success, forecast scored on failure.
 
-    The two forecasts differ by the share of samples that are not finite. [S, ...] each.
+    The two forecasts differ by the share of samples that are not finite.
     """
     forecast, observed = np.asarray(forecast, bool), np.asarray(observed, bool)
     if valid is None:
@@ -64,24 +71,41 @@ def _probabilities(
 
 
 def two_class(score: Doubles) -> Doubles:
-    """Brier's own form, summed over the classes success and failure: twice the binary score."""
+    """Brier's original form, summed over the two classes: twice the binary score."""
     return 2 * score
 
 
 def climatology(observed: Array) -> Doubles:
-    """Brier score of each scenario [S, ...] of the forecast that always gives the base rate.
+    """Brier score of each scenario [S, ...] of the climatology: the base rate as the forecast.
 
-    The base rate is the share of successes over all scenarios and rollouts [S, L, ...]. A forecast
-    that scores worse knows less than one that does not look at the scenario.
+    The base rate is the share of successes over all scenarios and rollouts. The climatology does
+    not use the scenario.
+
+    Args:
+        observed: [S, L, ...] bool, whether the outcome happens in each rollout.
     """
     per_scenario = np.asarray(observed, bool).mean(1)
     base = per_scenario.mean(0)
     return per_scenario * (1 - base) ** 2 + (1 - per_scenario) * base**2
 
 
-def skill(score: float, oracle: float, reference: float) -> float:
-    """Where a score lies between the climatology (`reference`, skill 0) and the oracle (skill 1).
+def brier_oracle(observed: Array) -> Doubles:
+    """Expected fair Brier score of each scenario [S] of the oracle: the variance of the outcome.
 
-    NaN when the two are equal: then there is nothing to know.
+    The oracle forecasts the true probability of each scenario. The estimate is unbiased.
+
+    Args:
+        observed: [S, L] bool, L ≥ 2, whether the outcome happens in each rollout.
     """
-    return (reference - score) / (reference - oracle) if reference != oracle else float("nan")
+    return np.asarray(np.asarray(observed).var(1, ddof=1, dtype=np.float64))
+
+
+def skill(score: float, oracle: float, climatology: float) -> float:
+    """Skill of a mean Brier score: 0 for the climatology's score, 1 for the oracle's.
+
+    Returns:
+        (climatology - score) / (climatology - oracle), or NaN where the oracle's score is less than
+        `SMALLEST_RANGE` below the climatology's. There the ratio is noise.
+    """
+    known = climatology - oracle >= SMALLEST_RANGE
+    return (climatology - score) / (climatology - oracle) if known else float("nan")

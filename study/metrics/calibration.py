@@ -1,20 +1,21 @@
-"""Calibration: where observed rollouts fall among the forecasts, for each step and dimension.
+"""Calibration: ranks of observed rollouts among the forecasts, for each step and dimension.
 
 If an observed value is exchangeable with K samples, its rank among them is uniform over K + 1
-ranks. The probability integral transform (PIT) of rank r is taken as uniform between r / (K + 1)
-and (r + 1) / (K + 1), and that of a value equal to m samples as uniform over its m + 1 ranks: the
-non-randomised PIT of Czado, Gneiting and Held (Biometrics 65, 2009). So it is exactly uniform for
-the oracle, for any K and with any ties, and nothing is drawn at random.
+ranks. The module uses the non-randomised probability integral transform (PIT) of Czado, Gneiting
+and Held (Biometrics 65, 2009). The PIT of rank r is uniform between r / (K + 1) and
+(r + 1) / (K + 1). The PIT of a value equal to m samples is uniform over its m + 1 ranks. The PIT of
+the oracle is therefore exactly uniform, for any K and with any ties, without random numbers.
 
-The central interval of probability p holds the PIT values from (1 - p)/2 to (1 + p)/2. Its coverage
-is the share of them that falls there, which for the oracle is p on average, for any K.
+The central interval of probability p contains the PIT values from (1 - p)/2 to (1 + p)/2. Its
+coverage is the share of observed values in it. The expected coverage of the oracle is p for any K.
 
-Coverage below p: forecasts too narrow or off the mark (a PIT histogram like a U or a slope); above
-p: too wide (a hump). Ranks know no size: a forecast a hair beside a value that never varies is
-outside, as if it were a mile away. So read coverage together with a score.
+Coverage below p shows a variance that is too small (a U-shaped PIT histogram) or a bias (a slope).
+Coverage above p shows a variance that is too large (a hump). Ranks do not depend on distances:
+where the observed value never varies, the smallest error puts it outside. Read coverage with a
+score.
 
-**Non-finite forecasts.** Where any of the K samples is not finite there is no interval: it covers
-no rollout, and half of the rollouts count as below all samples, half as above.
+**Non-finite forecasts.** Where any of the K samples is not finite there is no interval and coverage
+is 0. Half of the rollouts then count as below all samples, half as above.
 """
 
 from collections.abc import Sequence
@@ -25,13 +26,15 @@ import torch
 from study.common.arrays import Array, Doubles, Integers
 
 BINS = 20
+"""Bins of the PIT histogram."""
 
 
 def rank_histogram(forecast: Array, observed: Array) -> Doubles:
-    """The share of observed rollouts at each rank among the samples: [T, D, K+3], sums to one.
+    """The share of observed rollouts at each rank among the samples, over scenarios and rollouts.
 
-    Averages over scenarios and rollouts. Before and after the K+1 ranks stand those with PIT
-    0 and 1, outside any interval: there are some only where a forecast is not finite.
+    Returns:
+        [T, D, K+3]; the last axis sums to one. Its K+1 inner elements are the ranks. The first and
+        last element are PIT 0 and 1, outside any interval: zero where all forecasts are finite.
 
     Args:
         forecast: [S, K, T, D]. Non-finite values: see the module.
@@ -44,29 +47,31 @@ def rank_histogram(forecast: Array, observed: Array) -> Doubles:
         raise ValueError("an observed trajectory has values that are not finite")
     scenarios, samples, steps, dimensions = forecast.shape
     rollouts, places = observed.shape[1], steps * dimensions
-    # A rollout spreads a weight of one evenly over its ranks, first ≤ r < last. Weights are kept as
-    # differences along the ranks, and summed up in the end.
+    # The weight of a rollout is one, in equal parts on its ranks first ≤ r < last. `change` has
+    # differences of weights along the ranks; their cumulative sum gives the weights.
     change = np.zeros(places * (samples + 2))
     row = (samples + 2) * np.arange(places)[:, None]
-    lost = np.zeros(places)
+    not_finite = np.zeros(places)
     for x, y in zip(forecast, observed, strict=True):
         x, y = x.reshape(samples, places).T, y.reshape(rollouts, places).T
-        known = np.isfinite(x).all(1)
-        lost += ~known
+        finite = np.isfinite(x).all(1)
+        not_finite += ~finite
         first, last = _ranks(x, y)
-        weight = (known[:, None] / (last - first)).ravel()
+        weight = (finite[:, None] / (last - first)).ravel()
         change += np.bincount((row + first).ravel(), weight, change.size)
         change -= np.bincount((row + last).ravel(), weight, change.size)
     ranks = change.reshape(places, samples + 2)[:, :-1].cumsum(1)
-    outside = rollouts / 2 * lost[:, None]
+    outside = rollouts / 2 * not_finite[:, None]
     counts = np.hstack([outside, ranks, outside]) / (scenarios * rollouts)
     return counts.reshape(steps, dimensions, samples + 3)
 
 
 def coverage(ranks: Doubles, probability: float) -> Doubles:
-    """Coverage of the central interval of that probability, [...] of `rank_histogram` [..., K+3].
+    """Coverage [...] of the central interval of a probability.
 
-    Averages of histograms, over steps say, serve as well as a histogram.
+    Args:
+        ranks: [..., K+3], from `rank_histogram`, or an average of several.
+        probability: of the interval, between 0 and 1.
     """
     ends = share_below(ranks, [(1 - probability) / 2, (1 + probability) / 2])
     return ends[..., 1] - ends[..., 0]
@@ -75,29 +80,30 @@ def coverage(ranks: Doubles, probability: float) -> Doubles:
 def pit(ranks: Doubles, bins: int = BINS) -> Doubles:
     """The share of observed rollouts in each of `bins` equal bins of the PIT, [..., bins].
 
-    `ranks` is a `rank_histogram` [..., K+3], or an average of some. 1/bins each is calibrated.
+    Calibrated forecasts have 1/bins in each.
+
+    Args:
+        ranks: [..., K+3], from `rank_histogram`, or an average of several.
+        bins: their number.
     """
-    # Only rounding can take a share below zero.
+    # A negative share is a rounding error.
     return np.maximum(np.diff(share_below(ranks, np.linspace(0, 1, bins + 1))), 0)
 
 
 def share_below(ranks: Doubles, values: Array | Sequence[float]) -> Doubles:
-    """The share of observed rollouts whose PIT is below each of `values` [V]: [..., V].
-
-    All are below 1.
-    """
+    """The share [..., V] of observed rollouts whose PIT is below each of `values` [V]."""
     values, count = np.asarray(values), ranks.shape[-1] - 2
     within = np.clip(count * values - np.arange(count)[:, None], 0, 1)
     return np.asarray(ranks @ np.vstack([values > 0, within, values >= 1]))
 
 
 def _ranks(samples: Array, rollouts: Array) -> tuple[Integers, Integers]:
-    """How many samples [N, K] are below each rollout [N, L], and one more than are not above it.
+    """First and last + 1 of the possible ranks of each rollout [N, L] among samples [N, K].
 
-    Between the two, first ≤ r < last, lie the ranks that the rollout could have: [N, L] each.
+    The first is the number of samples below the rollout. Ties with samples give several ranks.
     """
     common = np.result_type(samples, rollouts)
-    # Sorted rollouts are found near each other: it halves the time of the search.
+    # Searching for sorted rollouts takes half of the time.
     x, y = (
         torch.from_numpy(np.sort(np.ascontiguousarray(values, common), 1))
         for values in (samples, rollouts)

@@ -1,10 +1,12 @@
 """95 % intervals by a hierarchical bootstrap over training seeds and scenarios.
 
-Every seed is scored on the same scenarios, so the two are crossed: a resample draws seeds, and
-once for all of them scenarios, with replacement (Davison and Hinkley 1997, section 3.8; Owen 2007,
-"The pigeonhole bootstrap"). Intervals are percentiles. With one seed only the scenarios are
-resampled, and the interval says nothing of how much training varies; with two or three it is too
-narrow. So the number of seeds belongs beside every interval.
+All seeds are scored on the same scenarios: the two factors are crossed. A resample contains seeds
+and scenarios, both sampled with replacement, and all its seeds share its scenarios (Davison and
+Hinkley 1997, section 3.8; Owen 2007, "The pigeonhole bootstrap"). Intervals are percentiles.
+
+With one seed, only the scenarios are resampled, and the interval does not include the variation of
+training. With two or three seeds the interval is too narrow. State the number of seeds beside every
+interval.
 """
 
 from dataclasses import dataclass
@@ -15,12 +17,14 @@ import numpy as np
 from study.common.arrays import Array, Doubles
 
 RESAMPLES = 2000
+"""Bootstrap resamples."""
 LEVEL = 0.95
+"""Probability of an interval."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate, the ends of its interval, and what it rests on."""
+    """An estimate, the ends of its interval, and the numbers of seeds and scenarios behind it."""
 
     estimate: float
     low: float
@@ -30,10 +34,16 @@ class Interval:
 
 
 def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = 0) -> Doubles:
-    """Means of `resamples` bootstrap samples: [B, ...] from values [seeds, S, ...].
+    """Means of bootstrap resamples.
 
-    What follows the first two axes (steps, say) is resampled together. A resample that draws an
-    infinite value has an infinite mean, and one that draws none has not.
+    Args:
+        values: [seeds, S, ...]. Elements of the trailing axes, such as steps, are resampled
+            together. A resample with an infinite value has an infinite mean.
+        resamples: B, their number.
+        seed: of the random numbers.
+
+    Returns:
+        [B, ...].
     """
     values = np.asarray(values, np.float64)
     seeds, scenarios, *rest = values.shape
@@ -43,36 +53,36 @@ def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = 0) ->
     total = np.zeros((resamples, flat.shape[2]))
     for weight, of_seed in zip(by_seed.T, np.where(infinite, 0.0, flat), strict=True):
         total += weight[:, None] * (by_scenario @ of_seed)
-    for at_seed, scenario, place in np.argwhere(infinite):
-        drawn = (by_seed[:, at_seed] > 0) & (by_scenario[:, scenario] > 0)
-        total[drawn, place] += flat[at_seed, scenario, place]
+    for number, scenario, column in np.argwhere(infinite):
+        included = (by_seed[:, number] > 0) & (by_scenario[:, scenario] > 0)
+        total[included, column] += flat[number, scenario, column]
     return total.reshape(resamples, *rest)
 
 
 @lru_cache(maxsize=4)
 def _shares(seeds: int, scenarios: int, resamples: int, seed: int) -> tuple[Doubles, Doubles]:
-    """How often each resample draws each seed [B, seeds] and scenario [B, S]; rows sum to one."""
+    """The weight of each seed [B, seeds] and scenario [B, S] in each resample; rows sum to one."""
     generator = np.random.default_rng(seed)
     by_seed = generator.multinomial(seeds, np.full(seeds, 1 / seeds), resamples)
     by_scenario = generator.multinomial(scenarios, np.full(scenarios, 1 / scenarios), resamples)
     return by_seed / seeds, by_scenario / scenarios
 
 
-def percentiles(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
-    """The ends of the central interval of draws [B, ...], each [...]."""
+def percentiles(means: Array, level: float = LEVEL) -> tuple[Array, Array]:
+    """The ends, each [...], of the central interval of bootstrap means [B, ...]."""
     ends = [(1 - level) / 2, (1 + level) / 2]
-    # Between an infinite draw and its neighbour nothing can be interpolated.
-    if not np.isfinite(draws).all():
-        low, high = np.quantile(draws, ends, axis=0, method="inverted_cdf")
+    # Interpolation between an infinite and a finite mean is not defined.
+    if not np.isfinite(means).all():
+        low, high = np.quantile(means, ends, axis=0, method="inverted_cdf")
         return low, high
-    low, high = np.quantile(draws, ends, axis=0)
+    low, high = np.quantile(means, ends, axis=0)
     return low, high
 
 
 def interval(
     values: Array, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
 ) -> Interval:
-    """The mean of values [seeds, S] and its interval."""
+    """The mean of values [seeds, S] and its interval; other arguments as of `resampled_means`."""
     low, high = percentiles(resampled_means(values, resamples, seed), level)
     return Interval(float(np.mean(values)), float(low), float(high), *np.shape(values))
 
@@ -80,23 +90,17 @@ def interval(
 def difference(
     first: Array,
     second: Array,
-    paired: bool = True,
     level: float = LEVEL,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Interval:
-    """The mean of `first` less that of `second`, and its interval.
+    """The mean of `first` minus `second` and its interval, paired on seeds and scenarios.
 
     Args:
         first: [seeds, S].
-        second: [seeds, S], on the same seeds and scenarios if paired.
-        paired: subtract seed by seed and scenario by scenario before resampling; otherwise the two
-            are resampled on their own, and the counts given are the smaller ones.
+        second: [seeds, S], on the same seeds and scenarios.
+        level: probability of the interval.
+        resamples: of the bootstrap.
+        seed: of the random numbers.
     """
-    if paired:
-        return interval(np.asarray(first) - np.asarray(second), level, resamples, seed)
-    draws = resampled_means(first, resamples, seed) - resampled_means(second, resamples, seed + 1)
-    low, high = percentiles(draws, level)
-    counts = np.minimum(np.shape(first), np.shape(second))
-    estimate = float(np.mean(first) - np.mean(second))
-    return Interval(estimate, float(low), float(high), int(counts[0]), int(counts[1]))
+    return interval(np.asarray(first) - np.asarray(second), level, resamples, seed)

@@ -1,7 +1,16 @@
-"""Variance of forecasts: against the true one, and split into aleatoric and epistemic.
+"""Variance of forecasts: ratio to the true variance, and its aleatoric and epistemic parts.
 
-The simulator can be run again from the same s_0 and actions, so the *true* variance is known, and
-a forecast that is too wide (variance counted twice) or too narrow shows as a ratio.
+The simulator can repeat a scenario from the same s_0 and actions, so the true variance is known.
+
+A *variance ratio* is forecast variance / true variance, for each step and dimension [T, D]. Both
+variances are averages over scenarios of the unbiased variance within a scenario. Where the true
+variance is negligible the ratio is NaN. There are two summaries of several steps and dimensions:
+
+- `median_ratio`, in tables and for validation. A few dimensions with a large ratio do not change
+  it.
+- `mean_of_known`, in the rows "all" of scores.parquet.
+
+Tables of test scores summarise all steps. Validation starts at `FIRST_STEP`.
 """
 
 from dataclasses import dataclass
@@ -9,18 +18,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.common.arrays import Array, Booleans, Doubles
-from study.metrics.mmd import standard
+from study.metrics.mmd import nonzero_scale
 
 NEGLIGIBLE = 0.01
-"""A true standard deviation below this share of the training data's is no variation at all."""
+"""A standard deviation below this share of the training data's is negligible."""
+
+FIRST_STEP = 11
+"""First step of the summary for validation, counted from 1: before it, noise has little effect."""
 
 
 def variance_ratio(forecast: Array, observed: Array, scale: Array) -> Doubles:
-    """Predicted variance / true variance, [T, D]: 1 is right, above 1 too wide.
+    """Total forecast variance / true variance [T, D]: 1 is best, above 1 the variance is too large.
 
-    Both are unbiased variances within a scenario, averaged over scenarios before they are divided.
-    Where the true variance is negligible (see `NEGLIGIBLE`) the ratio means nothing and is NaN;
-    where a forecast holds a value that is not finite it is infinite.
+    Variances are averaged over scenarios before the division. The ratio is NaN where the true
+    variance is negligible (see `NEGLIGIBLE`), and infinite where a forecast is not finite.
 
     Args:
         forecast: [S, K, T, D], K ≥ 2.
@@ -30,8 +41,15 @@ def variance_ratio(forecast: Array, observed: Array, scale: Array) -> Doubles:
     return _over_true(_infinite_if_not_finite(_mean_variance(forecast)), observed, scale)
 
 
+def median_ratio(ratio: Array) -> float:
+    """The median of all variance ratios [...] that are not NaN; NaN if all are."""
+    ratio = np.asarray(ratio, np.float64)
+    known = ratio[~np.isnan(ratio)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
 def mean_of_known(values: Array, axis: int | None = None) -> Doubles:
-    """The mean over an axis (all if None) of what is not NaN; NaN if nothing is known."""
+    """The mean over an axis (all if None) of the values that are not NaN; NaN if all are."""
     known = ~np.isnan(values)
     total, count = np.where(known, values, 0).sum(axis), known.sum(axis)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -39,13 +57,13 @@ def mean_of_known(values: Array, axis: int | None = None) -> Doubles:
 
 def _over_true(predicted: Doubles, observed: Array, scale: Array) -> Doubles:
     true = _mean_variance(observed)
-    known = _counts(true, scale)
+    known = _is_relevant(true, scale)
     return np.where(known, predicted / np.where(known, true, 1), np.nan)
 
 
-def _counts(variance: Doubles, scale: Array) -> Booleans:
+def _is_relevant(variance: Doubles, scale: Array) -> Booleans:
     """Which variances [T, D] are not negligible."""
-    return variance > (NEGLIGIBLE * standard(scale)) ** 2
+    return variance > (NEGLIGIBLE * nonzero_scale(scale)) ** 2
 
 
 def _infinite_if_not_finite(variance: Doubles) -> Doubles:
@@ -62,7 +80,7 @@ def _mean_variance(samples: Array) -> Doubles:
 
 @dataclass(frozen=True)
 class Split:
-    """Variances [S, T, D] of samples that each come from one member of an ensemble."""
+    """Variances [S, T, D] of samples from the members of an ensemble."""
 
     total: Doubles
     aleatoric: Doubles
@@ -70,24 +88,25 @@ class Split:
 
 
 def split(forecast: Array, member: Array) -> Split:
-    """The law of total variance: Var x = E_m[Var(x | m)] + Var_m(E[x | m]).
+    """The law of total variance for the samples: Var x = E_m[Var(x | m)] + Var_m(E[x | m]).
 
-    The first term is aleatoric, the second, the variance of the members' means, epistemic (Depeweg
-    et al. 2018, which the paper's equations 6 to 8 follow). The identity is exact: variances divide
-    by the number of samples. So with n samples a member, 1/n of the aleatoric variance shows as
-    epistemic. A value that is not finite makes the variances of its place NaN.
+    The first term is the aleatoric part. The second term, the variance of the members' means, is
+    the epistemic part. See Depeweg et al. 2018, which the paper's equations 6 to 8 follow.
+    Variances divide by the number of samples, so the identity is exact. With n samples a member,
+    1/n of the aleatoric variance is therefore in the epistemic part; `decompose` corrects this
+    bias. Variances of a non-finite value are NaN.
 
     Args:
         forecast: [S, K, T, D].
-        member: [S, K] integers, the member from which each sample comes.
+        member: [S, K] integers, the ensemble member of each sample.
     """
     scenarios, samples, *rest = forecast.shape
     flat = forecast.reshape(scenarios, samples, -1).astype(np.float64)
     flat[~np.isfinite(flat)] = np.nan
     centred = flat - flat.mean(1, keepdims=True)
-    belongs = member[:, None, :] == np.arange(member.max() + 1)[:, None]  # [S, M, K]
-    count = belongs.sum(2, keepdims=True)  # [S, M, 1]
-    means = belongs.astype(np.float64) @ centred / np.maximum(count, 1)  # [S, M, T·D]
+    from_member = member[:, None, :] == np.arange(member.max() + 1)[:, None]  # [S, M, K]
+    count = from_member.sum(2, keepdims=True)  # [S, M, 1]
+    means = from_member.astype(np.float64) @ centred / np.maximum(count, 1)  # [S, M, T·D]
     total = (centred**2).mean(1)
     epistemic = (count / samples * means**2).sum(1)
     aleatoric = ((centred - np.take_along_axis(means, member[:, :, None], 1)) ** 2).mean(1)
@@ -97,7 +116,7 @@ def split(forecast: Array, member: Array) -> Split:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Predicted variances [T, D], averages over scenarios."""
+    """Forecast variances [T, D], averaged over scenarios."""
 
     total: Doubles
     aleatoric: Doubles
@@ -105,66 +124,64 @@ class Decomposition:
 
 
 def decompose(forecast: Array, member: Array | None = None) -> Decomposition:
-    """Aleatoric, epistemic and total variance that forecasts predict, unbiased for any K.
+    """Aleatoric, epistemic and total forecast variance, unbiased for any number of samples K.
 
-    The terms of the law of total variance, as in `split`, but of the distribution from which the
-    samples are drawn, and not of the samples at hand. With K samples of G members, each sample's
-    member drawn on its own and all equally likely,
+    The terms are those of the law of total variance, as in `split`, for the distribution of the
+    samples. G of the members have samples. The member of each sample is independent, and all
+    members are equally likely:
 
-        total      S / (K - 1), S the sum of squares about the mean of all samples
-        aleatoric  W / (K - G), W the sum of squares, each about the mean of its own member
+        total      S / (K - 1), where S is the sum of squares about the mean of all samples
+        aleatoric  W / (K - G), where W is the sum of squares about the mean of each sample's member
         epistemic  total - aleatoric
 
-    The total is the ordinary unbiased variance of independent draws. A member's sum of squares
-    averages (n - 1) σ_m² with n samples, so W / (K - G) is a mean of the σ_m² with weights
-    (n - 1) / (K - G), which sum to one and on average are equal, since the draw favours no member.
-    So the difference is unbiased: the 1/n of the aleatoric variance that each member's mean shows
-    by chance is not in it. By chance it may be below zero; it is not clipped.
+    The total is the usual unbiased variance of independent samples. The sum of squares of a member
+    with n samples has expectation (n - 1) σ_m². W / (K - G) is therefore a mean of the σ_m² with
+    weights (n - 1) / (K - G). The weights sum to one and have equal expectations, so the aleatoric
+    part is unbiased, and the epistemic part too. The epistemic part can be negative by chance.
 
-    A member with one sample tells nothing of its own spread: its weight above is 0. A scenario in
-    which no member has two is left out of the average of the aleatoric variance (members are drawn
-    without regard to scenarios, so this favours none); if that is every scenario, aleatoric and
-    epistemic are NaN. Where a sample is not finite, total and aleatoric are infinite and epistemic
-    is NaN.
+    A member with one sample has weight 0. A scenario in which no member has two samples is left out
+    of the average of the aleatoric variance. If this is true of all scenarios, the aleatoric and
+    the epistemic part are NaN. Where a sample is not finite, total and aleatoric part are infinite
+    and the epistemic part is NaN.
 
     Args:
         forecast: [S, K, T, D], K ≥ 2.
-        member: [S, K] integers, the member from which each sample comes; None if there is no
-            ensemble: then all variance is aleatoric.
+        member: [S, K] integers, the ensemble member of each sample. None without an ensemble: then
+            all variance is aleatoric.
     """
     total = _infinite_if_not_finite(_mean_variance(forecast))
-    lost = np.isinf(total)
+    not_finite = np.isinf(total)
     if member is None:
-        return Decomposition(total, total, np.where(lost, np.nan, 0.0))
-    aleatoric = np.where(lost, np.inf, _mean_variance_within(forecast, member))
+        return Decomposition(total, total, np.where(not_finite, np.nan, 0.0))
+    aleatoric = np.where(not_finite, np.inf, _mean_variance_within(forecast, member))
     with np.errstate(invalid="ignore"):
         return Decomposition(total, aleatoric, total - aleatoric)
 
 
 def _mean_variance_within(forecast: Array, member: Array) -> Doubles:
-    """W / (K - G) of `decompose`, [T, D], averaged over the scenarios that have it."""
+    """W / (K - G) of `decompose` [T, D], averaged over the scenarios in which it is defined."""
     samples, *shape = forecast.shape[1:]
-    within, told = np.zeros(shape), 0
-    for scenario, own in zip(forecast, member, strict=True):
-        _, index, size = np.unique(own, return_inverse=True, return_counts=True)
+    within, scenarios = np.zeros(shape), 0
+    for scenario, members in zip(forecast, member, strict=True):
+        _, index, size = np.unique(members, return_inverse=True, return_counts=True)
         if len(size) == samples:
             continue
-        belongs = (index == np.arange(len(size))[:, None]).astype(np.float64)  # [G, K]
+        from_member = (index == np.arange(len(size))[:, None]).astype(np.float64)  # [G, K]
         values = scenario.reshape(samples, -1).astype(np.float64)
         with np.errstate(invalid="ignore", over="ignore"):
-            means = belongs @ values / size[:, None]
+            means = from_member @ values / size[:, None]
             squares = ((values - means[index]) ** 2).sum(0)
         within += squares.reshape(shape) / (samples - len(size))
-        told += 1
-    return within / told if told else np.full(shape, np.nan)
+        scenarios += 1
+    return within / scenarios if scenarios else np.full(shape, np.nan)
 
 
 def aleatoric_ratio(predicted: Decomposition, observed: Array, scale: Array) -> Doubles:
-    """Predicted aleatoric variance / true variance, [T, D]: 1 is right.
+    """Aleatoric forecast variance / true variance [T, D]: 1 is best.
 
-    The observed rollouts of a scenario differ by aleatoric noise alone, so their variance is the
-    true aleatoric one. Above 1, what is not known of the model was counted as noise. NaN and
-    infinite where `variance_ratio` is.
+    The observed rollouts of a scenario differ by aleatoric noise only, so their variance is the
+    true aleatoric variance. A ratio above 1 means that epistemic uncertainty was learned as noise.
+    The ratio is NaN or infinite where `variance_ratio` is.
 
     Args:
         predicted: from `decompose`.
@@ -175,48 +192,14 @@ def aleatoric_ratio(predicted: Decomposition, observed: Array, scale: Array) -> 
 
 
 def epistemic_share(predicted: Decomposition, scale: Array) -> Doubles:
-    """Epistemic / total predicted variance, [T, D].
+    """Epistemic / total forecast variance [T, D]; can be negative by chance.
 
-    NaN where the total is negligible (see `NEGLIGIBLE`) or not finite. Below zero by chance.
-    """
-    known = _counts(predicted.total, scale) & np.isfinite(predicted.total)
-    share = np.where(known, predicted.epistemic, 0) / np.where(known, predicted.total, 1)
-    return np.where(known, share, np.nan)
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Mean squares [T, D] of the paper's residuals."""
-
-    total: Doubles
-    aleatoric: Doubles
-    epistemic: Doubles
-
-
-def residuals(observed: Array, members: Array) -> Residuals:
-    """Mean squares of ε_total, ε_alea and ε_epist, the paper's equations (6) to (8).
-
-    With ŷ_m the forecast of member m and ȳ their mean: ε_total = y - ȳ, ε_epist = ŷ_m - ȳ and
-    ε_alea = y - ŷ_m. Since the mean of ε_epist over members is zero, the mean squares obey
-
-        aleatoric = total + epistemic
-
-    So as residuals the two parts subtract, but what a model learns from ε_alea varies *more* than
-    the total residual, by all of the epistemic variance: only by adding it to the same member's
-    forecast can it give back what was observed. And what all members get wrong is in ε_alea, not
-    in ε_epist.
+    NaN where the total is negligible (see `NEGLIGIBLE`) or not finite.
 
     Args:
-        observed: [S, L, T, D], y.
-        members: [S, M, T, D], ŷ_m, each member's forecast without noise. Non-finite values spread
-            to the mean squares of their place.
+        predicted: from `decompose`.
+        scale: [D], standard deviations of the training data.
     """
-    scenarios, _, *shape = observed.shape
-    total, aleatoric, epistemic = (np.zeros(shape) for _ in range(3))
-    with np.errstate(invalid="ignore", over="ignore"):
-        for y, of_members in zip(observed, members.astype(np.float64), strict=True):
-            centre = of_members.mean(0)
-            total += ((y - centre) ** 2).mean(0)
-            epistemic += ((of_members - centre) ** 2).mean(0)
-            aleatoric += np.mean([((y - forecast) ** 2).mean(0) for forecast in of_members], 0)
-    return Residuals(*(part / scenarios for part in (total, aleatoric, epistemic)))
+    known = _is_relevant(predicted.total, scale) & np.isfinite(predicted.total)
+    share = np.where(known, predicted.epistemic, 0) / np.where(known, predicted.total, 1)
+    return np.where(known, share, np.nan)

@@ -15,14 +15,11 @@ from study.config.stage_settings import ValidateSettings
 from study.data.kernel import Kernel
 from study.data.trajectories import ScenarioSet
 from study.envs import simulators
-from study.metrics.brier import brier_fair, climatology, skill
-from study.metrics.variance import variance_ratio
+from study.metrics.brier import brier_fair, brier_oracle, climatology, skill
+from study.metrics.variance import FIRST_STEP, median_ratio, variance_ratio
 from study.models.checkpoints import load_model
 from study.models.forecasting import forecast_in_parts
 from study.training.validation import validation_mmd2
-
-FIRST_STEP = 10
-"""Variances are compared from this step on: before it, trajectories have hardly spread."""
 
 
 def run(
@@ -38,13 +35,12 @@ def run(
     forecasts = forecast_in_parts(model, validation, settings.samples, seeds, progress)
     success = simulator.outcome(observed, validation.goal[:, None])
     forecast_success = simulator.outcome(forecasts, validation.goal[:, None])
-    # The oracle forecasts each scenario's own probability: its score is the outcome's variance.
-    oracle = success.var(axis=1, ddof=1, dtype=np.float64).mean()
+    oracle = brier_oracle(success).mean()
     reference = climatology(success).mean()
     fair = brier_fair(forecast_success, success).mean()
     brier_skill = skill(float(fair), float(oracle), float(reference))
-    first = min(FIRST_STEP, forecasts.shape[2] - 1)
-    ratio = variance_ratio(forecasts, observed, kernel.scale)[first:]
+    first = min(FIRST_STEP, forecasts.shape[2])
+    ratio = variance_ratio(forecasts, observed, kernel.scale)[first - 1 :]
     write_json(
         out / "validation.json",
         {
@@ -52,7 +48,6 @@ def run(
             "mmd2": validation_mmd2(forecasts, observed, kernel),
             # Undefined where the outcome of every scenario is certain.
             "brier_skill": brier_skill if np.isfinite(brier_skill) else None,
-            # The median, since a single dimension may be far off.
-            "variance_ratio": float(np.nanmedian(ratio)),
+            "variance_ratio": median_ratio(ratio),
         },
     )

@@ -1,11 +1,19 @@
-"""Brier score against scikit-learn, and by hand."""
+"""Brier score against scikit-learn, scoringrules and hand calculation; skill."""
 
 import numpy as np
 import pytest
 import scoringrules
 from sklearn.metrics import brier_score_loss
 
-from study.metrics.brier import brier, brier_fair, climatology, skill, two_class
+from study.metrics.brier import (
+    SMALLEST_RANGE,
+    brier,
+    brier_fair,
+    brier_oracle,
+    climatology,
+    skill,
+    two_class,
+)
 
 
 def outcomes(*shape: int, seed: int, p: float = 0.4) -> np.ndarray:
@@ -61,14 +69,26 @@ def test_one_bad_sample_never_helps() -> None:
     assert worst.mean() > max(score.mean() for score in either)
 
 
-def test_skill_is_a_ruler_from_climatology_to_oracle() -> None:
-    assert skill(0.24, oracle=0.16, reference=0.24) == 0
-    assert skill(0.16, oracle=0.16, reference=0.24) == 1
-    assert skill(0.32, oracle=0.16, reference=0.24) == pytest.approx(-1)
-    assert np.isnan(skill(0.1, oracle=0.2, reference=0.2))
+def test_skill_is_zero_for_the_climatology_and_one_for_the_oracle() -> None:
+    assert skill(0.24, oracle=0.16, climatology=0.24) == 0
+    assert skill(0.16, oracle=0.16, climatology=0.24) == 1
+    assert skill(0.32, oracle=0.16, climatology=0.24) == pytest.approx(-1)
 
 
-def test_trailing_axes_are_scored_on_their_own() -> None:
+def test_skill_is_undefined_where_the_oracle_gains_nothing() -> None:
+    assert np.isnan(skill(0.1, oracle=0.2, climatology=0.2))
+    assert np.isnan(skill(0.1, oracle=0.2 - 0.9 * SMALLEST_RANGE, climatology=0.2))
+    assert np.isnan(skill(0.1, oracle=0.21, climatology=0.2))
+
+
+def test_the_oracle_expects_the_fair_score_of_the_true_probability() -> None:
+    observed = outcomes(40_000, 4, seed=0, p=0.3)
+    assert brier_oracle(observed).mean() == pytest.approx(0.3 * 0.7, abs=0.005)
+    forecast = outcomes(40_000, 5, seed=1, p=0.3)
+    assert brier_fair(forecast, observed).mean() == pytest.approx(0.3 * 0.7, abs=0.005)
+
+
+def test_trailing_axes_are_scored_separately() -> None:
     forecast, observed = outcomes(6, 5, 4, seed=0), outcomes(6, 3, 4, seed=1)
     valid = outcomes(6, 5, seed=2, p=0.8)
     for metric in (brier, brier_fair):
@@ -82,15 +102,15 @@ def test_trailing_axes_are_scored_on_their_own() -> None:
 
 def test_agrees_with_scoringrules() -> None:
     forecast, observed = outcomes(20, 9, seed=0), outcomes(20, 7, seed=1)
-    each = scoringrules.brier_score(observed.astype(float), forecast.mean(1)[:, None])
-    np.testing.assert_allclose(brier(forecast, observed), each.mean(1))
+    expected = scoringrules.brier_score(observed.astype(float), forecast.mean(1)[:, None])
+    np.testing.assert_allclose(brier(forecast, observed), expected.mean(1))
 
 
 def test_fair_is_the_fair_crps_of_zeros_and_ones() -> None:
     forecast, observed = outcomes(20, 9, seed=0), outcomes(20, 7, seed=1)
     members = np.repeat(forecast[:, None].astype(float), 7, axis=1)
-    each = scoringrules.crps_ensemble(observed.astype(float), members, estimator="fair")
-    np.testing.assert_allclose(brier_fair(forecast, observed), each.mean(1), atol=1e-12)
+    expected = scoringrules.crps_ensemble(observed.astype(float), members, estimator="fair")
+    np.testing.assert_allclose(brier_fair(forecast, observed), expected.mean(1), atol=1e-12)
 
 
 @pytest.mark.parametrize("samples", [2, 5, 40])

@@ -1,4 +1,4 @@
-"""Joint MMD against a double loop, and what it sees that one dimension at a time does not."""
+"""Joint MMD against a double loop, and its sensitivity to dependence between dimensions."""
 
 import numpy as np
 import pytest
@@ -57,11 +57,11 @@ def test_of_one_dimension_it_is_mmd() -> None:
     np.testing.assert_allclose(one.biased, other.biased[..., 0], rtol=0, atol=1e-4)
 
 
-def test_it_sees_dependence_that_single_dimensions_do_not() -> None:
+def test_it_depends_on_dependence_between_dimensions() -> None:
     observed, ones = normal(10, 60, 20, 2), np.ones(2)
     observed[..., 1] = 0.9 * observed[..., 0] + np.sqrt(0.19) * observed[..., 1]
     shuffled = observed.copy()
-    # Another rollout's second dimension: the same numbers, no longer belonging together.
+    # The second dimension of another rollout: the same marginals, another dependence.
     shuffled[..., 1] = np.roll(shuffled[..., 1], 1, axis=1)
     fresh = normal(10, 60, 20, 2, seed=1)
     fresh[..., 1] = 0.9 * fresh[..., 0] + np.sqrt(0.19) * fresh[..., 1]
@@ -76,7 +76,7 @@ def test_it_sees_dependence_that_single_dimensions_do_not() -> None:
 
 
 @pytest.mark.parametrize("dimensions", [2, 12, 17])
-def test_the_kernel_is_neither_nothing_nor_everything(dimensions: int) -> None:
+def test_the_mean_kernel_does_not_depend_on_the_number_of_dimensions(dimensions: int) -> None:
     observed = normal(5, 40, 6, dimensions)
     ones = np.ones(dimensions)
     far = np.full_like(observed, 1e6)
@@ -86,15 +86,15 @@ def test_the_kernel_is_neither_nothing_nor_everything(dimensions: int) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38])
-def test_one_value_that_is_not_finite_loses_the_state(bad: float) -> None:
+def test_one_non_finite_value_makes_the_state_the_worst_case(bad: float) -> None:
     observed = normal(1, 6, 1, 3)
-    lost = normal(1, 5, 1, 3, seed=1)
-    lost[..., 1] = bad
-    result = joint_mmd(lost, observed, SCALE, BANDWIDTH).squared.item()
+    not_finite = normal(1, 5, 1, 3, seed=1)
+    not_finite[..., 1] = bad
+    result = joint_mmd(not_finite, observed, SCALE, BANDWIDTH).squared.item()
     among = kernels(observed[0, :, 0], observed[0, :, 0])
     assert result == pytest.approx(1 + (among.sum() - 6) / 30, abs=1e-7)
     for place in (0.0, 3.0, 1e6):
-        finite = np.full_like(lost, place)
+        finite = np.full_like(not_finite, place)
         assert joint_mmd(finite, observed, SCALE, BANDWIDTH).squared.item() <= result + 1e-7
 
 

@@ -1,4 +1,4 @@
-"""Kernel means against the double sum, wherever the numbers are."""
+"""Kernel means against the double sum, for numbers in many arrangements."""
 
 import numpy as np
 import pytest
@@ -68,8 +68,8 @@ def test_agrees_with_the_double_sum(case: str, factors: tuple[float, ...]) -> No
 
 
 @pytest.mark.parametrize("span", [0.0, 0.1, 2 * REACH, WIDE * REACH, WIDE * REACH + 1e-6, 1e4])
-def test_the_worst_case_for_a_series_is_all_at_the_ends(span: float) -> None:
-    """There images and high frequencies count fully: nothing averages them out."""
+def test_numbers_at_the_ends_of_a_series(span: float) -> None:
+    """The worst case: errors by images and high frequencies do not average out."""
     x, y = np.array([[0.0], [span]]), np.array([[span], [span]])
     check(x, y, 1.0)
     check(x, y, 0.5, 2.0)
@@ -106,7 +106,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 2 * FARTHEST])
-def test_what_no_series_holds_is_refused(bad: float) -> None:
+def test_non_finite_and_distant_numbers_are_refused(bad: float) -> None:
     x = normal(4, 2)
     x[1, 1] = bad
     with pytest.raises(ValueError, match="not finite, or too far apart"):

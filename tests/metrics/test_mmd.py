@@ -1,4 +1,4 @@
-"""MMD against a slow double loop, closed forms, and its stated rule for what is not finite."""
+"""MMD against a double loop and closed forms; non-finite forecasts; bandwidths; kernel score."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,7 @@ def test_agrees_with_the_closed_form_of_two_normals(shift: float, spread: float)
     assert result.squared.mean() == pytest.approx(true, abs=4 * standard_error)
 
 
-def test_the_biased_one_is_above_zero_for_equal_distributions() -> None:
+def test_biased_mmd_is_positive_for_equal_distributions() -> None:
     result = mmd(normal(50, 100, 1, 1), normal(50, 100, 1, 1, seed=1), np.ones(1), np.ones(1))
     assert result.biased.min() > 0
     assert result.biased.mean() == pytest.approx(0.088, abs=0.01)
@@ -119,16 +119,16 @@ def test_units_do_not_matter() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38])
-def test_what_is_not_finite_is_the_worst_case(bad: float) -> None:
+def test_non_finite_forecasts_are_the_worst_case(bad: float) -> None:
     observed = normal(1, 6, 1, 1)
-    lost = np.full((1, 5, 1, 1), bad, np.float32)
+    not_finite = np.full((1, 5, 1, 1), bad, np.float32)
     among = similarity(observed, np.ones(1), np.ones(1))
     # Kernel 1 among themselves, 0 with the observed.
-    result = mmd(lost, observed, np.ones(1), np.ones(1))
+    result = mmd(not_finite, observed, np.ones(1), np.ones(1))
     np.testing.assert_allclose(result.squared, 1 + among, atol=5e-9)
     # No finite forecast is worse, wherever it is.
     for place in (0.0, 3.0, 1e6):
-        finite = np.full_like(lost, place)
+        finite = np.full_like(not_finite, place)
         assert mmd(finite, observed, np.ones(1), np.ones(1)).squared <= result.squared + 1e-12
 
 
@@ -155,10 +155,10 @@ def test_bad_observations_and_too_few_samples_are_refused() -> None:
 
 
 def test_progress_ends_at_one() -> None:
-    told: list[float] = []
+    fractions: list[float] = []
     observed = normal(4, 3, 2, 2)
-    mmd(normal(4, 3, 2, 2, seed=1), observed, SCALE, BANDWIDTH, progress=told.append)
-    assert told == [0.25, 0.5, 0.75, 1.0]
+    mmd(normal(4, 3, 2, 2, seed=1), observed, SCALE, BANDWIDTH, progress=fractions.append)
+    assert fractions == [0.25, 0.5, 0.75, 1.0]
 
 
 def test_bandwidth_is_the_median_distance() -> None:
@@ -178,8 +178,8 @@ def test_bandwidth_ignores_ties_and_has_a_floor() -> None:
 
 
 def test_a_dimension_that_never_varies_scores_zero() -> None:
-    still = np.ones((2, 4, 3, 1), np.float32)
-    assert not mmd(still, still, np.zeros(1), np.array([FLOOR])).squared.any()
+    forecast, observed = np.ones((2, 4, 3, 1), np.float32), np.ones((2, 5, 3, 1), np.float32)
+    assert not mmd(forecast, observed, np.zeros(1), np.array([FLOOR])).squared.any()
 
 
 def test_kernel_score_agrees_with_scoringrules() -> None:
@@ -202,20 +202,20 @@ def test_kernel_score_agrees_with_scoringrules() -> None:
 def test_kernel_score_is_mmd_up_to_a_term_of_the_observed() -> None:
     """The mean score over many observations is MMD² less the term that no forecast changes."""
     forecast, observed = normal(1, 6, 3, 2), normal(1, 40, 3, 2, seed=1)
-    each = np.repeat(forecast, 40, axis=0)
-    score = kernel_score(each, observed[0], SCALE, BANDWIDTH)
+    repeated = np.repeat(forecast, 40, axis=0)
+    score = kernel_score(repeated, observed[0], SCALE, BANDWIDTH)
     squared = mmd(forecast, observed, SCALE, BANDWIDTH).squared
     among = similarity(observed, SCALE, BANDWIDTH)
     assert score == pytest.approx((squared - among).mean(), abs=1e-6)
 
 
-def test_kernel_score_is_proper_and_punishes_what_is_not_finite() -> None:
+def test_kernel_score_is_proper_and_penalises_non_finite_forecasts() -> None:
     observation = normal(20, 50, 1, seed=1)
     one = np.ones(1)
     right, narrow = normal(20, 8, 50, 1), 0.2 * normal(20, 8, 50, 1)
-    lost = right.copy()
-    lost[:, :2] = np.nan
+    not_finite = right.copy()
+    not_finite[:, :2] = np.nan
     best = kernel_score(right, observation, one, one)
     assert best < kernel_score(narrow, observation, one, one)
-    assert best < kernel_score(lost, observation, one, one)
+    assert best < kernel_score(not_finite, observation, one, one)
     assert kernel_score(np.full_like(right, np.inf), observation, one, one) == pytest.approx(1)

@@ -1,4 +1,4 @@
-"""MMD read in other ways: other bandwidths, pooled over scenarios, and the ruler."""
+"""Other readings of MMD: other bandwidths, scenarios pooled, and reference shifts."""
 
 import numpy as np
 import pytest
@@ -19,20 +19,20 @@ def test_sensitivity_is_mmd_at_other_bandwidths() -> None:
     forecast[0, 1, 2, 0], forecast[2, 3, 1, 1] = np.nan, 1e5
     found = sensitivity(forecast, observed, SCALE, BANDWIDTH)
     assert FACTORS == (0.5, 1.0, 2.0)
-    for factor, each in zip(FACTORS, found, strict=True):
+    for factor, at_factor in zip(FACTORS, found, strict=True):
         single = mmd(forecast, observed, SCALE, factor * BANDWIDTH)
-        np.testing.assert_allclose(each.squared, single.squared, rtol=0, atol=1e-8)
-        np.testing.assert_allclose(each.biased, single.biased, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(at_factor.squared, single.squared, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(at_factor.biased, single.biased, rtol=0, atol=1e-6)
     assert not np.allclose(found[0].squared, found[2].squared, atol=1e-2)
 
 
 def test_progress_changes_nothing() -> None:
     forecast, observed = normal(4, 6, 4, 2), normal(4, 5, 4, 2, seed=1)
     shares: list[float] = []
-    told = mmd(forecast, observed, SCALE, BANDWIDTH, progress=shares.append)
+    reported = mmd(forecast, observed, SCALE, BANDWIDTH, progress=shares.append)
     assert shares == [0.25, 0.5, 0.75, 1.0]
     silent = mmd(forecast, observed, SCALE, BANDWIDTH)
-    assert told.squared.tobytes() == silent.squared.tobytes()
+    assert reported.squared.tobytes() == silent.squared.tobytes()
 
 
 def test_pooled_is_mmd_of_one_scenario_that_holds_all() -> None:
@@ -46,7 +46,7 @@ def test_pooled_is_mmd_of_one_scenario_that_holds_all() -> None:
     assert shares == [0.25, 0.5, 0.75, 1.0]
 
 
-def test_pooled_does_not_see_scenarios_that_are_swapped() -> None:
+def test_pooled_does_not_change_if_scenarios_are_swapped() -> None:
     places = 3 * normal(40, 1, 1, 1)
     observed, ones = places + normal(40, 20, 5, 1), np.ones(1)
     swapped = np.roll(places, 1, axis=0) + normal(40, 20, 5, 1, seed=1)
@@ -54,7 +54,7 @@ def test_pooled_does_not_see_scenarios_that_are_swapped() -> None:
     assert abs(pooled(swapped, observed, ones, ones).squared.mean()) < 0.01
 
 
-def test_pooled_is_off_by_what_it_says() -> None:
+def test_pooled_has_the_bias_of_its_docstring() -> None:
     """Scenarios far apart: mean kernel 1/√3 within one for unit normals, 0 across."""
     scenarios, samples, steps = 5, 4, 400
     places = 1e3 * np.arange(scenarios, dtype=np.float64)[:, None, None, None]
@@ -67,7 +67,7 @@ def test_pooled_is_off_by_what_it_says() -> None:
     assert error < abs(expected) / 10
 
 
-def test_the_ruler_is_the_closed_form_of_two_normals_apart() -> None:
+def test_reference_shifts_have_the_closed_form_of_two_normals() -> None:
     forecast, observed = 5 * normal(20, 60, 40, 1), 5 * normal(20, 60, 40, 1, seed=1)
     scale = np.array([5.0])
     previous = 0.0

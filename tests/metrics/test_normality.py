@@ -1,4 +1,4 @@
-"""Tests of shape: their level, their power, and their statistics against slow definitions."""
+"""Tests of normality and of unimodality: statistics by definition, level and power."""
 
 from collections.abc import Callable
 
@@ -7,17 +7,17 @@ import pytest
 from scipy.optimize import linprog
 
 from study.common.arrays import Doubles
+from study.metrics.dip import dip
 from study.metrics.normality import (
-    DRAWS,
-    dip,
-    found,
+    SIMULATIONS,
+    count_rejections,
     henze_zirkler,
     not_gaussian,
     not_unimodal,
     principal,
 )
 
-LEAST = 1 / (1 + DRAWS)
+SMALLEST = 1 / (1 + SIMULATIONS)
 
 
 def generator(seed: int = 0) -> np.random.Generator:
@@ -48,13 +48,13 @@ def disc(*shape: int) -> Doubles:
 
 
 def share(p_values: Doubles, level: float) -> float:
-    result = found(p_values, level)
+    result = count_rejections(p_values, level)
     return result.count / result.scenarios
 
 
 def chance(scenarios: int, level: float) -> float:
-    """Four standard errors of a rejection rate: of the scenarios', and of the simulated null's."""
-    return float(4 * np.sqrt(level * (1 - level) * (1 / scenarios + 1 / DRAWS)))
+    """Four standard errors of a rejection rate, with those of the simulated null distribution."""
+    return float(4 * np.sqrt(level * (1 - level) * (1 / scenarios + 1 / SIMULATIONS)))
 
 
 def slow_henze_zirkler(points: Doubles) -> float:
@@ -150,7 +150,7 @@ def test_gaussians_are_rejected_as_often_as_the_level_says(dimensions: int) -> N
         assert abs(share(p_values, level) - level) < chance(1000, level)
 
 
-def test_what_is_not_gaussian_is_found() -> None:
+def test_distributions_that_are_not_gaussian_are_rejected() -> None:
     assert share(not_gaussian(clusters(200, 100, 2, distance=4)), 0.01) > 0.85
     assert share(not_gaussian(banana(200, 60)), 0.01) > 0.95
     assert share(not_gaussian(disc(200, 100)), 0.01) > 0.8
@@ -171,7 +171,7 @@ def test_a_line_is_not_gaussian_and_a_point_is_no_distribution() -> None:
     as_stored = points.astype(np.float32)
     p_values = not_gaussian(as_stored)
     assert p_values[0] > 0.01
-    np.testing.assert_allclose(p_values[1:], [LEAST, LEAST, 1])
+    np.testing.assert_allclose(p_values[1:], [SMALLEST, SMALLEST, 1])
     np.testing.assert_array_equal(not_gaussian(as_stored[3:]), 1)
     assert not_unimodal(as_stored)[3] == 1
 
@@ -245,8 +245,8 @@ def test_principal_is_the_direction_of_greatest_variance() -> None:
     np.testing.assert_allclose(principal(points).var(1), greatest)
 
 
-def test_found_counts_and_says_what_chance_would_give() -> None:
-    result = found(np.array([0.001, 0.01, 0.02, 0.5]), level=0.01)
+def test_rejections_are_counted_beside_the_number_by_chance() -> None:
+    result = count_rejections(np.array([0.001, 0.01, 0.02, 0.5]), level=0.01)
     assert (result.count, result.scenarios, result.expected) == (2, 4, pytest.approx(0.04))
 
 
@@ -257,7 +257,7 @@ def test_a_scenario_does_not_depend_on_those_beside_it() -> None:
 
 
 @pytest.mark.parametrize("test", [not_gaussian, not_unimodal])
-def test_what_is_not_finite_is_refused(test: Callable[[Doubles], Doubles]) -> None:
+def test_non_finite_points_are_refused(test: Callable[[Doubles], Doubles]) -> None:
     points = normal(2, 20, 2)
     points[0, 3, 1] = np.nan
     with pytest.raises(ValueError, match="finite"):

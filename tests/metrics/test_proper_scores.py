@@ -1,4 +1,4 @@
-"""CRPS and energy score against `scoringrules`, closed forms, and what is not finite."""
+"""CRPS and energy score against `scoringrules` and closed forms; non-finite forecasts."""
 
 import math
 from collections.abc import Callable
@@ -85,7 +85,7 @@ def test_scores_are_proper() -> None:
             assert right + 0.01 < score(wrong, observed, np.ones(2)).mean()
 
 
-def test_energy_score_sees_dependence_and_crps_does_not() -> None:
+def test_energy_score_depends_on_dependence_and_crps_does_not() -> None:
     both = normal(40, 60, 10, 1, seed=1)
     observed = np.concatenate([both, both], -1)
     one = normal(40, 60, 10, 1)
@@ -99,7 +99,9 @@ def test_energy_score_sees_dependence_and_crps_does_not() -> None:
 
 @pytest.mark.parametrize("score", [crps, energy_score])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_infinitely_bad_where_it_is(score: Score, bad: float) -> None:
+def test_the_score_of_a_non_finite_forecast_is_infinite_at_its_place(
+    score: Score, bad: float
+) -> None:
     forecast, observed = normal(2, 5, 3, 2), normal(2, 6, 3, 2, seed=1)
     before = score(forecast, observed, np.ones(2))
     forecast[0, 1, 2, 1] = bad
@@ -118,14 +120,14 @@ def test_a_forecast_that_is_large_but_finite_is_not_clipped(score: Score) -> Non
 
 
 @pytest.mark.parametrize("score", [crps, energy_score])
-def test_units_do_not_matter_and_a_still_dimension_costs_nothing(score: Score) -> None:
+def test_units_do_not_matter_and_a_constant_dimension_scores_zero(score: Score) -> None:
     forecast, observed = case()
     metres = score(forecast, observed, SCALE)
     np.testing.assert_allclose(
         score(1000 * forecast, 1000 * observed, 1000 * SCALE), metres, atol=1e-5
     )
-    still = np.full((1, 5, 2, 1), 7.0, np.float32)
-    np.testing.assert_allclose(score(still, still, np.zeros(1)), 0, atol=1e-12)
+    constant = np.full((1, 5, 2, 1), 7.0, np.float32)
+    np.testing.assert_allclose(score(constant, constant[:, :3], np.zeros(1)), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("score", [crps, energy_score])

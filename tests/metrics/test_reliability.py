@@ -1,17 +1,17 @@
-"""The decomposition is exact, unbiased in samples, rollouts and scenarios; the curve by hand."""
+"""The decomposition is exact and unbiased; the reliability curve by hand."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from study.metrics.brier import brier, brier_fair
-from study.metrics.reliability import Decomposition, decompose, group_of, murphy, reliability_curve
+from study.metrics.brier import brier_fair
+from study.metrics.reliability import BINS, Decomposition, decompose, group_of, reliability_curve
 
 Forecaster = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 
 
-def drawn(probability: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
+def sampled(probability: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
     return generator.random((len(probability), count)) < probability[:, None]
 
 
@@ -20,8 +20,19 @@ def mixed(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     generator = np.random.default_rng(seed)
     true = generator.random(60)
     issued = np.clip(true + generator.normal(0, 0.2, 60), 0, 1)
-    samples, rollouts = drawn(issued, 9, generator), drawn(true, 7, generator)
+    samples, rollouts = sampled(issued, 9, generator), sampled(true, 7, generator)
     return samples, rollouts, generator.random((60, 9)) < 0.9
+
+
+def plain_murphy(probability: np.ndarray, frequency: np.ndarray) -> Decomposition:
+    """Murphy's decomposition of the plain Brier score, without bias correction."""
+    group = group_of(probability, smallest=1)
+    count = np.maximum(np.bincount(group, minlength=BINS), 1)
+    bias = (np.bincount(group, probability - frequency, BINS) / count)[group]
+    reliability, base = float((bias**2).mean()), frequency.mean()
+    score = np.mean(frequency * (1 - probability) ** 2 + (1 - frequency) * probability**2)
+    uncertainty = float(base * (1 - base))
+    return Decomposition(reliability, reliability + uncertainty - float(score), uncertainty)
 
 
 def terms(found: Decomposition) -> list[float]:
@@ -36,26 +47,6 @@ def test_terms_sum_to_the_score() -> None:
     assert decompose(forecast, observed, valid).score == pytest.approx(
         brier_fair(forecast, observed, valid).mean()
     )
-    plain = murphy(forecast.mean(1), observed.mean(1))
-    assert plain.score == pytest.approx(brier(forecast, observed).mean())
-
-
-def test_murphy_by_hand() -> None:
-    """Two forecasts, each the only one of its bin: Murphy's own terms."""
-    probability = np.repeat([0.25, 0.85], [4, 6])
-    frequency = np.repeat([0.5, 0.75], [4, 6])
-    base = 0.4 * 0.5 + 0.6 * 0.75
-    reliability = 0.4 * (0.25 - 0.5) ** 2 + 0.6 * (0.85 - 0.75) ** 2
-    resolution = 0.4 * (0.5 - base) ** 2 + 0.6 * (0.75 - base) ** 2
-    found = murphy(probability, frequency)
-    np.testing.assert_allclose(terms(found), [reliability, resolution, base * (1 - base)])
-
-
-def test_forecasts_that_differ_within_a_bin_count_as_resolution() -> None:
-    probability, frequency = np.array([0.41, 0.49, 0.1]), np.array([0.41, 0.49, 0.1])
-    found = murphy(probability, frequency)
-    assert found.reliability == pytest.approx(0)
-    assert found.resolution == pytest.approx(frequency.var())
 
 
 def test_agrees_with_ferro_and_fricker_where_forecasts_have_no_noise() -> None:
@@ -90,7 +81,7 @@ def perfect(generator: np.random.Generator, count: int) -> tuple[np.ndarray, np.
     return true, true
 
 
-def too_hopeful(generator: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+def overconfident(generator: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     true = generator.uniform(0, 0.7, count)
     return true + 0.2, true
 
@@ -103,7 +94,7 @@ def base_rate(generator: np.random.Generator, count: int) -> tuple[np.ndarray, n
     ("forecaster", "reliability", "resolution", "uncertainty"),
     [
         (perfect, 0, 0.25 / 2.2, 0.25),
-        (too_hopeful, 0.04, 0.49 / 12, 0.35 * 0.65),
+        (overconfident, 0.04, 0.49 / 12, 0.35 * 0.65),
         (base_rate, 0, 0, 0.25),
     ],
 )
@@ -121,19 +112,19 @@ def test_terms_are_unbiased(
     corrected, plain = [], []
     for _ in range(300):
         issued, true = forecaster(generator, scenarios)
-        forecast = drawn(issued, samples, generator)
-        observed = drawn(true, rollouts, generator)
+        forecast = sampled(issued, samples, generator)
+        observed = sampled(true, rollouts, generator)
         corrected.append(terms(decompose(forecast, observed)))
-        plain.append(terms(murphy(forecast.mean(1), observed.mean(1))))
+        plain.append(terms(plain_murphy(forecast.mean(1), observed.mean(1))))
     error = np.std(corrected, axis=0) / np.sqrt(len(corrected))
     expected = np.array([reliability, resolution, uncertainty])
     assert (abs(np.mean(corrected, axis=0) - expected) < 4 * error).all()
-    # What is corrected is worth it: the plain terms are further off than chance explains.
+    # The correction is needed: the bias of the plain terms is larger than chance.
     assert np.mean(plain, axis=0)[0] - reliability > 4 * error[0]
 
 
-def test_what_is_not_finite_costs_reliability() -> None:
-    observed = drawn(np.full(30, 0.3), 8, np.random.default_rng(0))
+def test_non_finite_samples_increase_reliability() -> None:
+    observed = sampled(np.full(30, 0.3), 8, np.random.default_rng(0))
     nothing = np.zeros((30, 6), bool)
     found = decompose(nothing, observed, nothing)
     assert found.score == pytest.approx(1)
@@ -155,11 +146,11 @@ def test_one_scenario_is_too_few() -> None:
 
 def test_bins() -> None:
     shares = np.array([0, 0.1, 0.3, 7 / 10, 0.999, 1])
-    np.testing.assert_array_equal(group_of(shares, least=1), [0, 1, 3, 7, 9, 9])
-    np.testing.assert_array_equal(group_of(np.arange(10) / 10, least=1), np.arange(10))
+    np.testing.assert_array_equal(group_of(shares, smallest=1), [0, 1, 3, 7, 9, 9])
+    np.testing.assert_array_equal(group_of(np.arange(10) / 10, smallest=1), np.arange(10))
     lonely = group_of(np.array([0.05, 0.05, 0.45, 0.85, 0.85]))
     np.testing.assert_array_equal(np.bincount(lonely)[np.bincount(lonely) > 0], [3, 2])
-    assert len(set(group_of(np.array([0.0, 0.5, 1.0]), least=9))) == 1
+    assert len(set(group_of(np.array([0.0, 0.5, 1.0]), smallest=9))) == 1
 
 
 def test_curve_by_hand() -> None:
@@ -190,7 +181,7 @@ def test_intervals_of_the_curve_cover() -> None:
     covered = []
     for _ in range(150):
         true = generator.random(200)
-        observed = drawn(true, 20, generator).mean(1)
+        observed = sampled(true, 20, generator).mean(1)
         curve = reliability_curve(true, observed, bins=5, resamples=300)
         covered.append((curve.low <= curve.forecast) & (curve.forecast <= curve.high))
     assert 0.88 < np.mean(covered) < 0.99

@@ -1,4 +1,4 @@
-"""Variance ratio on distributions of known width, and the law of total variance."""
+"""Variance ratios of distributions with known variances, and the law of total variance."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from study.metrics.variance import (
     decompose,
     epistemic_share,
     mean_of_known,
-    residuals,
+    median_ratio,
     split,
     variance_ratio,
 )
@@ -19,7 +19,7 @@ def normal(*shape: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
 
 
-def test_ratio_of_known_widths() -> None:
+def test_ratio_of_known_variances() -> None:
     # A different mean in each scenario is no variance of a forecast.
     means = 10 * normal(1000, 1, 1, 1, seed=2)
     forecast = means + normal(1000, 30, 2, 3) * np.array([1, 2, 0.5])
@@ -43,7 +43,7 @@ def test_no_true_variance_has_no_ratio() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_not_finite_is_infinitely_wide(bad: float) -> None:
+def test_the_ratio_of_a_non_finite_forecast_is_infinite(bad: float) -> None:
     forecast = normal(4, 5, 2, 1)
     forecast[0, 0, 0, 0] = bad
     ratio = variance_ratio(forecast, normal(4, 5, 2, 1, seed=1), np.ones(1))
@@ -76,13 +76,13 @@ def test_members_that_agree_or_do_nothing_else_but_disagree() -> None:
 
 
 MEANS = np.array([-1.0, 0.0, 0.5, 2.5])
-WIDTHS = np.array([0.5, 1.0, 2.0, 0.7])
+DEVIATIONS = np.array([0.5, 1.0, 2.0, 0.7])
 
 
 def of_members(member: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Samples [S, K, 1, 1] of members with known means and widths."""
+    """Samples [S, K, 1, 1] of members with known means and standard deviations."""
     noise = np.random.default_rng([seed, 1]).normal(size=member.shape)
-    return (30 + MEANS[member] + WIDTHS[member] * noise)[:, :, None, None]
+    return (30 + MEANS[member] + DEVIATIONS[member] * noise)[:, :, None, None]
 
 
 @pytest.mark.parametrize("samples", [2, 3, 6, 40])
@@ -91,7 +91,7 @@ def test_decomposition_is_unbiased_for_any_number_of_samples(samples: int) -> No
     member = np.random.default_rng(samples).integers(0, 4, (scenarios, samples))
     forecast = of_members(member)
     predicted = decompose(forecast, member)
-    aleatoric, epistemic = np.mean(WIDTHS**2), MEANS.var()
+    aleatoric, epistemic = np.mean(DEVIATIONS**2), MEANS.var()
     expected = {
         "total": aleatoric + epistemic,
         "aleatoric": aleatoric,
@@ -105,7 +105,7 @@ def test_decomposition_is_unbiased_for_any_number_of_samples(samples: int) -> No
         assert error < 0.15
         assert getattr(predicted, part).item() == pytest.approx(value, abs=4 * error)
     if samples == 6:
-        # What `split` says of the samples at hand is no estimate: it calls noise epistemic.
+        # `split` is biased: a part of the noise is in its epistemic part.
         assert split(forecast, member).epistemic.mean() > 1.1 * epistemic
 
 
@@ -145,7 +145,7 @@ def test_without_an_ensemble_all_variance_is_aleatoric() -> None:
 def test_aleatoric_ratio_leaves_out_what_members_disagree_on() -> None:
     member = np.random.default_rng(3).integers(0, 4, (2000, 20))
     forecast = of_members(member)
-    aleatoric = np.mean(WIDTHS**2)
+    aleatoric = np.mean(DEVIATIONS**2)
     observed = np.sqrt(aleatoric) * normal(2000, 20, 1, 1, seed=4)
     predicted, scale = decompose(forecast, member), np.ones(1)
     share = MEANS.var() / (MEANS.var() + aleatoric)
@@ -176,27 +176,14 @@ def test_a_decomposition_that_is_not_finite_or_negligible(ensemble: bool) -> Non
     assert [np.isnan(share.item(i)) for i in range(3)] == [True, True, False]
 
 
-def test_mean_of_what_is_known() -> None:
+def test_median_ratio_ignores_nan_and_a_few_large_values() -> None:
+    assert median_ratio(np.array([[1.0, np.nan, 3.0], [np.nan, 2.0, np.inf]])) == 2.5
+    assert np.isnan(median_ratio(np.full((2, 3), np.nan)))
+
+
+def test_mean_of_known_values() -> None:
     values = np.array([[1.0, np.nan, 3.0], [np.nan, np.nan, np.inf]])
     np.testing.assert_array_equal(mean_of_known(values, 0), [1, np.nan, np.inf])
     np.testing.assert_array_equal(mean_of_known(values, 1), [2, np.inf])
     assert mean_of_known(values[0]) == 2
     assert np.isnan(mean_of_known(values[:, 1]))
-
-
-def test_residuals_of_the_paper() -> None:
-    observed, members = 3 + normal(4, 9, 3, 2), 3 + normal(4, 5, 3, 2, seed=1)
-    parts = residuals(observed, members)
-    # Aleatoric and epistemic residuals subtract one by one; their mean squares do not.
-    np.testing.assert_allclose(parts.aleatoric, parts.total + parts.epistemic)
-    every = observed[:, :, None] - members[:, None]
-    np.testing.assert_allclose(parts.aleatoric, (every**2).mean((0, 1, 2)), rtol=1e-5)
-    np.testing.assert_allclose(parts.epistemic, members.var(1).mean(0), rtol=1e-5)
-
-
-def test_an_error_that_all_members_share_is_called_aleatoric() -> None:
-    observed = normal(200, 30, 1, 1)
-    members = np.full((200, 4, 1, 1), 2.0)
-    parts = residuals(observed, members)
-    assert parts.epistemic.item() == 0
-    assert parts.aleatoric.item() == pytest.approx(1 + 2**2, rel=0.03)

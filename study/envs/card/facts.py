@@ -7,7 +7,7 @@ import numpy as np
 from study.data.trajectories import ScenarioSet
 from study.envs import Simulator
 from study.envs.card.histogram import uncertain
-from study.metrics.normality import found, not_gaussian, not_unimodal
+from study.metrics.normality import count_rejections, not_gaussian, not_unimodal
 
 LEVEL = 0.01
 """Of the tests on the shape of distributions."""
@@ -60,7 +60,8 @@ def facts(simulator: Simulator, observed: ScenarioSet) -> Facts:
     base_rate = float(probability.mean())
     nominal = simulator.rollout(observed.s0, observed.actions).states[:, 1:]
     ends = simulator.position(observed.observed[:, :, -1]).astype(np.float64)
-    gaussian, unimodal = found(not_gaussian(ends), LEVEL), found(not_unimodal(ends), LEVEL)
+    gaussian = count_rejections(not_gaussian(ends), LEVEL)
+    unimodal = count_rejections(not_unimodal(ends), LEVEL)
     s0 = np.broadcast_to(observed.s0[:, None, None], (count, rollouts, 1, observed.s0.shape[-1]))
     events = simulator.events(np.concatenate([s0, observed.observed], axis=2))
     return Facts(

@@ -1,25 +1,25 @@
-"""Scores of forecast outcomes as rows of the tidy table (see `study.metrics.tables.table`).
+"""Rows of the tidy table: scores of forecast outcomes (see `study.metrics.tables.table`).
 
-The column `dimension` holds the name of an outcome; "all" is the headline, the goal itself.
+The column `dimension` has the name of an outcome; "all" is the goal.
 
 ==========================  =======================================================================
-metric                      rows, of every outcome unless it says headline
+metric                      rows, of every outcome unless "goal" is stated
 ==========================  =======================================================================
-brier                       by scenario; all; headline by step: "has succeeded by step t"
-brier_fair                  headline by scenario; all
-brier_reliability           all: terms of the mean fair score, which is
+brier                       by scenario; all; goal by step: reached by step t
+brier_fair                  goal by scenario; all
+brier_reliability           all: terms of the mean fair score
 brier_resolution            brier_reliability - brier_resolution + brier_uncertainty
 brier_uncertainty
-brier_climatology           headline by scenario; all
-brier_two_class             headline, all
-forecast_probability        by scenario: the share of samples that are finite and succeed; headline
-                            by step: the mean over scenarios
-observed_probability        by scenario: the share of rollouts that succeed; headline by step
+brier_climatology           goal by scenario; all
+brier_two_class             goal, all
+forecast_probability        by scenario: the share of samples that are finite and succeed; goal by
+                            step: the mean over scenarios
+observed_probability        by scenario: the share of rollouts that succeed; goal by step
 ==========================  =======================================================================
 
-A sample that is not finite throughout is wrong at every step, as it is in the whole. An outcome
-that always happens, or never, has an uncertainty and a climatology of 0: there is nothing to know,
-and its skill is NaN. With one scenario the terms of the decomposition are NaN.
+A sample with a non-finite value counts as wrong at every step. An outcome that always happens, or
+never, has an uncertainty and a climatology of 0, and its skill is NaN. With one scenario the terms
+of the decomposition are NaN.
 """
 
 from collections.abc import Mapping
@@ -40,29 +40,30 @@ def outcome_rows(
     observed_by_step: Array,
     valid: Array,
 ) -> pd.DataFrame:
-    """Score forecasts of outcomes against what was observed of the same scenarios.
+    """Score forecasts of outcomes against observed outcomes of the same scenarios.
 
     Args:
-        forecast_outcomes: by name, the headline first: [S, K] bool, whether it happens, K ≥ 2.
-        observed_outcomes: the same names: [S, L] bool.
-        forecast_by_step: [S, K, T] bool, whether the headline has happened by step 1 … T.
-        observed_by_step: [S, L, T] bool.
-        valid: [S, K] bool, which samples are finite throughout.
+        forecast_outcomes: by name, the goal first: [S, K] bool, K ≥ 2, whether it happens.
+        observed_outcomes: by the same names: [S, L] bool.
+        forecast_by_step: [S, K, T] bool, whether the goal is reached by step 1 … T.
+        observed_by_step: [S, L, T] bool, the same for rollouts.
+        valid: [S, K] bool, which samples are finite.
 
     Raises:
-        ValueError: no outcomes, other names, shapes that do not fit, or fewer than two samples.
+        ValueError: no outcomes, names or shapes that do not match, or fewer than two samples.
     """
     _check(forecast_outcomes, observed_outcomes, forecast_by_step, observed_by_step, valid)
-    headline, *others = forecast_outcomes
-    parts = _of_headline(forecast_outcomes[headline], observed_outcomes[headline], valid)
-    parts += _by_step(forecast_by_step, observed_by_step, valid)
-    for name in (headline, *others):
-        dimension = "all" if name == headline else name
-        parts += _of_each(forecast_outcomes[name], observed_outcomes[name], valid, dimension)
+    goal = next(iter(forecast_outcomes))
+    parts = _goal_rows(forecast_outcomes[goal], observed_outcomes[goal], valid)
+    parts += _goal_by_step(forecast_by_step, observed_by_step, valid)
+    for name in forecast_outcomes:
+        dimension = "all" if name == goal else name
+        parts += _outcome_rows(forecast_outcomes[name], observed_outcomes[name], valid, dimension)
     return pd.concat(parts, ignore_index=True)
 
 
-def _of_each(forecast: Array, observed: Array, valid: Array, name: str) -> list[pd.DataFrame]:
+def _outcome_rows(forecast: Array, observed: Array, valid: Array, name: str) -> list[pd.DataFrame]:
+    """The rows that every outcome has."""
     plain, terms = brier(forecast, observed, valid), decompose(forecast, observed, valid)
     return [
         by_scenario("brier", plain, name),
@@ -77,8 +78,8 @@ def _of_each(forecast: Array, observed: Array, valid: Array, name: str) -> list[
     ]
 
 
-def _of_headline(forecast: Array, observed: Array, valid: Array) -> list[pd.DataFrame]:
-    """What only the headline has."""
+def _goal_rows(forecast: Array, observed: Array, valid: Array) -> list[pd.DataFrame]:
+    """The rows that only the goal has."""
     return [
         by_scenario("brier_fair", brier_fair(forecast, observed, valid)),
         by_scenario("brier_climatology", climatology(observed)),
@@ -86,11 +87,11 @@ def _of_headline(forecast: Array, observed: Array, valid: Array) -> list[pd.Data
     ]
 
 
-def _by_step(forecast: Array, observed: Array, valid: Array) -> list[pd.DataFrame]:
-    happens = forecast & valid[..., None]
+def _goal_by_step(forecast: Array, observed: Array, valid: Array) -> list[pd.DataFrame]:
+    success = forecast & valid[..., None]
     return [
         by_step("brier", brier(forecast, observed, valid).mean(0)),
-        by_step("forecast_probability", happens.mean((0, 1))),
+        by_step("forecast_probability", success.mean((0, 1))),
         by_step("observed_probability", observed.mean((0, 1))),
     ]
 
@@ -104,17 +105,24 @@ def _check(
 ) -> None:
     if not forecast_outcomes or list(forecast_outcomes) != list(observed_outcomes):
         raise ValueError(
-            f"outcomes {list(observed_outcomes)} were observed, {list(forecast_outcomes)} forecast"
+            f"outcomes {list(observed_outcomes)} were observed, {list(forecast_outcomes)} were "
+            "forecast: give the same names, at least one"
         )
     scenarios, samples = np.shape(valid)
     rollouts, steps = np.shape(observed_by_step)[1:]
     of_samples, of_rollouts = (scenarios, samples), (scenarios, rollouts)
-    given: list[tuple[str, Array, tuple[int, ...]]] = [
+    shapes: list[tuple[str, Array, tuple[int, ...]]] = [
         ("forecast outcomes by step", forecast_by_step, (*of_samples, steps)),
         ("observed outcomes by step", observed_by_step, (*of_rollouts, steps)),
-        *((f"forecasts of {name!r}", each, of_samples) for name, each in forecast_outcomes.items()),
-        *((f"rollouts of {name!r}", each, of_rollouts) for name, each in observed_outcomes.items()),
+        *(
+            (f"forecasts of {name!r}", values, of_samples)
+            for name, values in forecast_outcomes.items()
+        ),
+        *(
+            (f"rollouts of {name!r}", values, of_rollouts)
+            for name, values in observed_outcomes.items()
+        ),
     ]
-    for what, values, fits in given:
-        if np.shape(values) != fits:
-            raise ValueError(f"{what} have shape {np.shape(values)}, not {fits}")
+    for what, values, expected in shapes:
+        if np.shape(values) != expected:
+            raise ValueError(f"{what} have shape {np.shape(values)}, not {expected}")

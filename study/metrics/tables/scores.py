@@ -4,22 +4,23 @@
 metric                      rows
 ==========================  =======================================================================
 mmd2                        by dimension and step; by step and scenario; by step; by scenario; all
-mmd                         by step; all (the biased root, averaged after the root)
+mmd                         by step; all: biased MMD, averaged after the square root
 mmd2_half, mmd2_double      by step; by scenario; all: half and twice the bandwidth
 mmd2_joint                  by step; by scenario; all: one kernel for the whole state
-mmd2_pooled                 by dimension and step; by step; all: scenarios thrown together, at ten
-                            steps of the horizon
-mmd2_shift_0.1, _0.3, _1    by step; all: the ruler, of a reference only: its MMD² if shifted
-                            by so many standard deviations of the scenario's observed rollouts
-variance_ratio              by dimension and step; by step: the mean over the dimensions whose true
-                            variance is not negligible, NaN if there are none
+mmd2_pooled                 by dimension and step; by step; all: samples of all scenarios pooled, at
+                            ten steps of the horizon
+mmd2_shift_0.1, _0.3, _1    by step; all: reference shifts, of the oracle only: the MMD² of its
+                            forecasts, shifted by 0.1, 0.3 and 1 standard deviations of the
+                            observed rollouts
+variance_ratio              by dimension and step; by step: the mean over dimensions with a true
+                            variance that is not negligible, NaN without any
 nonfinite                   all: the share of forecast values that are not finite
 ==========================  =======================================================================
 
 and the rows of `study.metrics.tables.outcome_scores` and `study.metrics.tables.trajectory_scores`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,7 @@ import pandas as pd
 
 from study.common.arrays import Array
 from study.metrics.joint_mmd import joint_mmd
-from study.metrics.mmd import mmd, pooled, sensitivity, shifted
+from study.metrics.mmd import OnProgress, mmd, pooled, sensitivity, shifted
 from study.metrics.tables.outcome_scores import outcome_rows
 from study.metrics.tables.table import (
     by_dimension_and_step,
@@ -41,19 +42,24 @@ from study.metrics.tables.trajectory_scores import trajectory_rows
 from study.metrics.variance import mean_of_known, variance_ratio
 
 POOLED_STEPS = 10
+"""Steps of the horizon at which pooled MMD² is computed: all steps would dominate the run time."""
+
 SHIFTS = (0.1, 0.3, 1.0)
-"""Of the ruler, in standard deviations of the observed rollouts."""
+"""Reference shifts, in standard deviations of the observed rollouts."""
+
+SHIFT_METRICS = {f"mmd2_shift_{shift:g}": shift for shift in SHIFTS}
+"""The metric of each reference shift."""
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What happens in forecasts and in observed rollouts.
+    """Outcomes of forecasts and of observed rollouts.
 
     Attributes:
-        forecast: by name, the goal itself first: [S, K] bool.
-        observed: the same names: [S, L] bool.
-        forecast_by_step: [S, K, T] bool, whether the goal has succeeded by each step.
-        observed_by_step: [S, L, T] bool.
+        forecast: by name, the goal first: [S, K] bool.
+        observed: by the same names: [S, L] bool.
+        forecast_by_step: [S, K, T] bool, whether the goal is reached by each step.
+        observed_by_step: [S, L, T] bool, the same for rollouts.
     """
 
     forecast: Mapping[str, Array]
@@ -70,8 +76,8 @@ def score(
     bandwidth: Array,
     names: Sequence[str],
     member: Array | None = None,
-    ruler: bool = False,
-    progress: Callable[[float], None] | None = None,
+    reference_shifts: bool = False,
+    progress: OnProgress | None = None,
 ) -> pd.DataFrame:
     """Score forecasts against observed rollouts of the same scenarios.
 
@@ -83,17 +89,20 @@ def score(
         bandwidth: [D], from `study.metrics.mmd.bandwidths`.
         names: D names of dimensions.
         member: [S, K] integers, the ensemble member of each sample; None without an ensemble.
-        ruler: whether to score the forecasts shifted as well.
-        progress: told the share that is done, 0 to 1.
+        reference_shifts: whether to score the forecasts shifted by `SHIFTS` as well.
+        progress: called with the fraction that is done.
+
+    Returns:
+        The rows of the module's table.
 
     Raises:
-        ValueError: shapes that do not fit, too few samples, or a non-finite observed value.
+        ValueError: shapes that do not match, too few samples, or a non-finite observed value.
     """
     _check(forecast, observed, outcomes, names)
     finite = np.isfinite(forecast)
-    tell = progress or (lambda _: None)
-    parts = _discrepancies(forecast, observed, scale, bandwidth, names, ruler, tell)
-    tell(0.8)
+    report = progress or (lambda _: None)
+    parts = _discrepancies(forecast, observed, scale, bandwidth, names, reference_shifts, report)
+    report(0.8)
     ratio = variance_ratio(forecast, observed, scale)
     parts += [
         by_dimension_and_step("variance_ratio", ratio, np.array(names, object)),
@@ -108,7 +117,7 @@ def score(
         trajectory_rows(forecast, observed, scale, names, member),
         overall("nonfinite", 1 - finite.mean()),
     ]
-    tell(1.0)
+    report(1.0)
     return pd.concat(parts, ignore_index=True)
 
 
@@ -118,12 +127,12 @@ def _discrepancies(
     scale: Array,
     bandwidth: Array,
     names: Sequence[str],
-    ruler: bool,
-    tell: Callable[[float], None],
+    reference_shifts: bool,
+    report: OnProgress,
 ) -> list[pd.DataFrame]:
     kernel = (scale, bandwidth)
     half, usual, double = sensitivity(
-        forecast, observed, *kernel, progress=lambda share: tell(0.4 * share)
+        forecast, observed, *kernel, progress=lambda fraction: report(0.4 * fraction)
     )
     dimensions = np.array(names, object)
     parts = [
@@ -135,28 +144,26 @@ def _discrepancies(
         *_averages("mmd2_half", half.squared.mean(2)),
         *_averages("mmd2_double", double.squared.mean(2)),
     ]
-    joint = joint_mmd(forecast, observed, *kernel, progress=lambda share: tell(0.4 + 0.3 * share))
-    # Ten steps show it as well as all of them, which would take longer than all the rest.
+    joint = joint_mmd(
+        forecast, observed, *kernel, progress=lambda fraction: report(0.4 + 0.3 * fraction)
+    )
     steps = np.unique(np.linspace(0, forecast.shape[2] - 1, POOLED_STEPS).round().astype(int))
-    together = pooled(forecast[:, :, steps], observed[:, :, steps], *kernel).squared
+    over_scenarios = pooled(forecast[:, :, steps], observed[:, :, steps], *kernel).squared
     step, dimension = np.meshgrid(steps + 1, dimensions, indexing="ij")
     parts += [
         *_averages("mmd2_joint", joint.squared),
-        rows("mmd2_pooled", together, dimension, step),
-        rows("mmd2_pooled", together.mean(1), "all", steps + 1),
-        overall("mmd2_pooled", together.mean()),
+        rows("mmd2_pooled", over_scenarios, dimension, step),
+        rows("mmd2_pooled", over_scenarios.mean(1), "all", steps + 1),
+        overall("mmd2_pooled", over_scenarios.mean()),
     ]
-    for shift in SHIFTS if ruler else ():
-        moved = mmd(shifted(forecast, observed, shift), observed, *kernel).squared
-        parts += [
-            by_step(f"mmd2_shift_{shift:g}", moved.mean((0, 2))),
-            overall(f"mmd2_shift_{shift:g}", moved.mean()),
-        ]
+    for metric, shift in SHIFT_METRICS.items() if reference_shifts else ():
+        squared = mmd(shifted(forecast, observed, shift), observed, *kernel).squared
+        parts += [by_step(metric, squared.mean((0, 2))), overall(metric, squared.mean())]
     return parts
 
 
 def _averages(metric: str, values: Array) -> list[pd.DataFrame]:
-    """Values [S, T], averaged over one axis and over both."""
+    """Rows from values [S, T], averaged over one axis and over both."""
     return [
         by_step(metric, values.mean(0)),
         by_scenario(metric, values.mean(1)),
@@ -167,12 +174,14 @@ def _averages(metric: str, values: Array) -> list[pd.DataFrame]:
 def _check(forecast: Array, observed: Array, outcomes: Outcomes, names: Sequence[str]) -> None:
     scenarios, samples, steps, dimensions = forecast.shape
     rollouts = observed.shape[1]
-    wanted = {
+    shapes = {
         "observed rollouts": (observed.shape, (scenarios, rollouts, steps, dimensions)),
         "forecast outcomes": (outcomes.forecast_by_step.shape, (scenarios, samples, steps)),
         "observed outcomes": (outcomes.observed_by_step.shape, (scenarios, rollouts, steps)),
         "names": ((len(names),), (dimensions,)),
     }
-    for what, (given, fits) in wanted.items():
-        if given != fits:
-            raise ValueError(f"{what} of shape {given} do not fit forecasts {forecast.shape}")
+    for what, (shape, expected) in shapes.items():
+        if shape != expected:
+            raise ValueError(
+                f"{what} of shape {shape} do not match forecasts of shape {forecast.shape}"
+            )

@@ -1,8 +1,8 @@
-"""The tidy table of scores: its columns, how to write rows of it, and how to read a metric back.
+"""The tidy table of scores: its columns, functions that make rows, and `select`.
 
-A row is one number: metric, dimension, step, scenario, value. "all" in place of a dimension and -1
-in place of a step or a scenario mean "averaged over this axis". Steps count from 1 to T, scenarios
-from 0. In front stand the columns that name the cell, once all cells are in one table.
+A row is one number, with the columns metric, dimension, step, scenario and value. The dimension
+"all", the step -1 and the scenario -1 mean an average over this axis. Steps count from 1 to T,
+scenarios from 0. The table of a whole study also has the columns `CELL`.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ CELL = ("environment", "level", "model", "seed")
 COLUMNS = ("metric", "dimension", "step", "scenario", "value")
 
 LEVELLESS = frozenset({"oracle"})
-"""Models that do not depend on how much data there is to train on."""
+"""Models without training data, which are the same at every level."""
 
 
 def select(
@@ -25,14 +25,22 @@ def select(
     model: str,
     by: str = "scenario",
 ) -> pd.DataFrame:
-    """One metric of one environment, level and model: seeds × `by`, a column of the table.
+    """One metric of one environment, level and model, as a table of seeds × `by`.
 
-    Averages over the other axes are the ones that are stored. `by` "scenario", "dimension" or
-    "step"; "step and scenario" gives two-level columns (step, scenario), and "dimension and step"
-    (dimension, step). Empty if the table holds no such rows.
+    The table of scores contains the averages over the other axes. A model of `LEVELLESS` may have
+    scores at one level only; they are then used for all levels.
 
-    A reference whose level the table does not know (the oracle learns from no data, so it may be
-    scored once for all levels) is taken at the level that it has.
+    Args:
+        scores: the tidy table, with the columns of `CELL`.
+        metric: its name.
+        environment: of the cell.
+        level: of the cell.
+        model: of the cell.
+        by: "scenario", "dimension" or "step", or two of them: "step and scenario" and "dimension
+            and step" give columns with two levels.
+
+    Returns:
+        One row a seed; empty if the table has no such scores.
     """
     axes = by.split(" and ")
     chosen = scores[
@@ -43,8 +51,8 @@ def select(
     if model in LEVELLESS and not (chosen["level"] == level).any() and len(chosen):
         level = str(chosen["level"].iloc[0])
     chosen = chosen[chosen["level"] == level]
-    for axis, everything in (("dimension", "all"), ("step", -1), ("scenario", -1)):
-        averaged = chosen[axis] == everything
+    for axis, average in (("dimension", "all"), ("step", -1), ("scenario", -1)):
+        averaged = chosen[axis] == average
         chosen = chosen[~averaged if axis in axes else averaged]
     return chosen.pivot(index="seed", columns=axes if axes[1:] else axes[0], values="value")
 
@@ -56,7 +64,7 @@ def rows(
     step: Array | int = -1,
     scenario: Array | int = -1,
 ) -> pd.DataFrame:
-    """Rows of one metric from values of any shape; the axes are given in the same order."""
+    """Rows of one metric from values of any shape; arrays of labels have the same order."""
     values = np.asarray(values, np.float64)
     count = values.size
     return pd.DataFrame(
@@ -72,32 +80,32 @@ def rows(
 
 
 def by_dimension_and_step(metric: str, values: Array, dimensions: Array) -> pd.DataFrame:
-    """Values [T, D]; the D names of dimensions are an array of objects."""
+    """Rows from values [T, D]; the D names of dimensions are an array of objects."""
     step, dimension = np.mgrid[: values.shape[0], : values.shape[1]]
     return rows(metric, values, dimensions[dimension], step + 1)
 
 
 def by_step_and_scenario(metric: str, values: Array) -> pd.DataFrame:
-    """Values [S, T]."""
+    """Rows from values [S, T]."""
     scenario, step = np.mgrid[: values.shape[0], : values.shape[1]]
     return rows(metric, values, "all", step + 1, scenario)
 
 
 def by_dimension(metric: str, values: Array, dimensions: Array) -> pd.DataFrame:
-    """Values [D]; the D names of dimensions are an array of objects."""
+    """Rows from values [D]; the D names of dimensions are an array of objects."""
     return rows(metric, values, dimensions[: len(values)])
 
 
 def by_step(metric: str, values: Array) -> pd.DataFrame:
-    """Values [T]."""
+    """Rows from values [T]."""
     return rows(metric, values, "all", np.arange(1, len(values) + 1))
 
 
 def by_scenario(metric: str, values: Array, dimension: str = "all") -> pd.DataFrame:
-    """Values [S]."""
+    """Rows from values [S]."""
     return rows(metric, values, dimension, -1, np.arange(len(values)))
 
 
 def overall(metric: str, value: float, dimension: str = "all") -> pd.DataFrame:
-    """One value, averaged over everything but perhaps a dimension."""
+    """One row: an average over steps and scenarios, and over dimensions unless one is named."""
     return rows(metric, np.array([value]), dimension)

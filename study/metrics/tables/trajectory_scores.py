@@ -1,6 +1,4 @@
-"""Rows of the proper scores, calibration and variances of forecasts.
-
-See `study.metrics.tables.table`.
+"""Rows of the tidy table: proper scores, calibration and variances (see `tables.table`).
 
 ==========================  =======================================================================
 metric                      rows
@@ -15,7 +13,7 @@ aleatoric_ratio             by dimension and step; by dimension; by step; all
 epistemic_share             by dimension and step; by step; all
 ==========================  =======================================================================
 
-Averages of the last three are over what is not negligible; NaN if nothing is.
+Averages of the last three rows are over variances that are not negligible; NaN without any.
 """
 
 from collections.abc import Sequence
@@ -42,7 +40,7 @@ from study.metrics.variance import (
 )
 
 LEVELS = (50, 80, 90)
-"""Central intervals, in per cent."""
+"""Probabilities of the central intervals, in per cent."""
 
 
 def trajectory_rows(
@@ -55,8 +53,8 @@ def trajectory_rows(
     """All rows of this module for one set of forecasts.
 
     Args:
-        forecast: [S, K, T, D], physical units, K ≥ 2. Values that are not finite score as the worst
-            case, by the rule of each metric.
+        forecast: [S, K, T, D], physical units, K ≥ 2. Each metric has its own rule for non-finite
+            values; all score the worst case.
         observed: [S, L, T, D], physical units, L ≥ 2, finite.
         scale: [D], standard deviations of the training data.
         names: D names of dimensions.
@@ -110,14 +108,14 @@ def _variances(
     forecast: Array, observed: Array, scale: Array, dimensions: Array, member: Array | None
 ) -> list[pd.DataFrame]:
     predicted = decompose(forecast, member)
-    of_truth = aleatoric_ratio(predicted, observed, scale)
+    ratio = aleatoric_ratio(predicted, observed, scale)
     share = epistemic_share(predicted, scale)
     return [
         overall("variance_ratio", float(mean_of_known(variance_ratio(forecast, observed, scale)))),
-        by_dimension_and_step("aleatoric_ratio", of_truth, dimensions),
-        by_dimension("aleatoric_ratio", mean_of_known(of_truth, 0), dimensions),
-        by_step("aleatoric_ratio", mean_of_known(of_truth, 1)),
-        overall("aleatoric_ratio", float(mean_of_known(of_truth))),
+        by_dimension_and_step("aleatoric_ratio", ratio, dimensions),
+        by_dimension("aleatoric_ratio", mean_of_known(ratio, 0), dimensions),
+        by_step("aleatoric_ratio", mean_of_known(ratio, 1)),
+        overall("aleatoric_ratio", float(mean_of_known(ratio))),
         by_dimension_and_step("epistemic_share", share, dimensions),
         by_step("epistemic_share", mean_of_known(share, 1)),
         overall("epistemic_share", float(mean_of_known(share))),

@@ -1,4 +1,4 @@
-"""The rows of outcomes: which there are, and that their values are those of the metrics."""
+"""The rows of outcomes: their number, and their values against the metrics."""
 
 from typing import Any
 
@@ -11,11 +11,11 @@ from study.metrics.reliability import decompose
 from study.metrics.tables.outcome_scores import outcome_rows
 from study.metrics.tables.table import COLUMNS
 
-TASK, OTHER, ALWAYS = "reaches the target", "stays within reach", "keeps its charge"
+GOAL, OTHER, ALWAYS = "reaches the target", "stays within reach", "keeps its charge"
 SCENARIOS, SAMPLES, ROLLOUTS, STEPS = 12, 6, 5, 4
 
 
-def given() -> dict[str, Any]:
+def inputs_of_outcomes() -> dict[str, Any]:
     generator = np.random.default_rng(0)
     true = generator.random(SCENARIOS)[:, None, None]
 
@@ -26,12 +26,12 @@ def given() -> dict[str, Any]:
     forecast, observed = by_step(SAMPLES), by_step(ROLLOUTS)
     return {
         "forecast_outcomes": {
-            TASK: forecast[..., -1],
+            GOAL: forecast[..., -1],
             OTHER: ~forecast[..., 1],
             ALWAYS: np.ones((SCENARIOS, SAMPLES), bool),
         },
         "observed_outcomes": {
-            TASK: observed[..., -1],
+            GOAL: observed[..., -1],
             OTHER: ~observed[..., 1],
             ALWAYS: np.ones((SCENARIOS, ROLLOUTS), bool),
         },
@@ -54,8 +54,8 @@ def value(
     return float(chosen.value.iloc[0])
 
 
-def test_rows_are_the_stated_ones_and_each_is_there_once() -> None:
-    table = outcome_rows(**given())
+def test_the_number_of_rows_of_each_metric() -> None:
+    table = outcome_rows(**inputs_of_outcomes())
     assert tuple(table.columns) == COLUMNS
     assert not table.duplicated(["metric", "dimension", "step", "scenario"]).any()
     counts = table.groupby(["metric", "dimension"]).size().unstack(fill_value=0)
@@ -68,7 +68,7 @@ def test_rows_are_the_stated_ones_and_each_is_there_once() -> None:
         "forecast_probability": SCENARIOS,
         "observed_probability": SCENARIOS,
     }
-    expected_of_headline = alone | {
+    expected_of_goal = alone | {
         "brier": SCENARIOS + 1 + STEPS,
         "brier_fair": SCENARIOS + 1,
         "brier_climatology": SCENARIOS + 1,
@@ -76,13 +76,13 @@ def test_rows_are_the_stated_ones_and_each_is_there_once() -> None:
         "forecast_probability": SCENARIOS + STEPS,
         "observed_probability": SCENARIOS + STEPS,
     }
-    assert counts["all"].to_dict() == expected_of_headline
+    assert counts["all"].to_dict() == expected_of_goal
     assert counts[OTHER].to_dict() == counts[ALWAYS].to_dict() == expected_of_others
 
 
-@pytest.mark.parametrize(("name", "dimension"), [(TASK, "all"), (OTHER, OTHER)])
+@pytest.mark.parametrize(("name", "dimension"), [(GOAL, "all"), (OTHER, OTHER)])
 def test_values_are_those_of_the_metrics(name: str, dimension: str) -> None:
-    inputs = given()
+    inputs = inputs_of_outcomes()
     table = outcome_rows(**inputs)
     forecast, observed = inputs["forecast_outcomes"][name], inputs["observed_outcomes"][name]
     valid = inputs["valid"]
@@ -105,11 +105,11 @@ def test_values_are_those_of_the_metrics(name: str, dimension: str) -> None:
     assert value(table, "forecast_probability", dimension, scenario=3) == pytest.approx(share)
 
 
-def test_by_step_ends_at_the_headline() -> None:
-    inputs = given()
+def test_by_step_ends_at_the_goal() -> None:
+    inputs = inputs_of_outcomes()
     table = outcome_rows(**inputs)
     assert value(table, "brier", step=STEPS) == pytest.approx(value(table, "brier"))
-    observed = inputs["observed_outcomes"][TASK]
+    observed = inputs["observed_outcomes"][GOAL]
     found = value(table, "observed_probability", step=STEPS)
     assert found == pytest.approx(observed.mean())
     shares = [value(table, "forecast_probability", step=t) for t in range(1, STEPS + 1)]
@@ -119,14 +119,14 @@ def test_by_step_ends_at_the_headline() -> None:
 
 
 def test_an_outcome_that_always_happens() -> None:
-    inputs = given() | {"valid": np.ones((SCENARIOS, SAMPLES), bool)}
+    inputs = inputs_of_outcomes() | {"valid": np.ones((SCENARIOS, SAMPLES), bool)}
     table = outcome_rows(**inputs)
     for metric in ("brier", "brier_fair", "brier_climatology", "brier_uncertainty"):
         assert value(table, metric, ALWAYS) == pytest.approx(0, abs=1e-12)
 
 
-def test_what_does_not_fit_is_named() -> None:
-    inputs = given()
+def test_names_and_shapes_that_do_not_match_are_refused() -> None:
+    inputs = inputs_of_outcomes()
     renamed = dict(zip(("a", "b", "c"), inputs["observed_outcomes"].values(), strict=True))
     with pytest.raises(ValueError, match="were observed"):
         outcome_rows(**inputs | {"observed_outcomes": renamed})

@@ -42,7 +42,9 @@ def score_of(
         forecast_by_step,
         observed_by_step,
     )
-    return score(forecast, observed, outcomes, ONES, ONES, names, member, ruler=member is not None)
+    return score(
+        forecast, observed, outcomes, ONES, ONES, names, member, reference_shifts=member is not None
+    )
 
 
 def expected_brier(given: dict[str, np.ndarray]) -> np.ndarray:
@@ -88,7 +90,7 @@ def test_schema() -> None:
     assert set(scores["dimension"]) == {*NAMES, "all", "departs"}
 
 
-def test_the_ruler_measures_a_shift() -> None:
+def test_reference_shifts_have_their_closed_form() -> None:
     forecast = np.random.default_rng(1).normal(size=(400, 40, T, D)).astype(np.float32)
     observed = np.random.default_rng(2).normal(size=(400, 40, T, D)).astype(np.float32)
     outcome = np.zeros((400, 40, T), bool)
@@ -135,7 +137,7 @@ def test_values_are_those_of_the_metrics() -> None:
     assert overall(scores, "brier_two_class") == pytest.approx(2 * expected.mean())
 
 
-def test_what_is_not_finite_is_counted_and_costs() -> None:
+def test_non_finite_values_are_counted_and_penalised() -> None:
     forecast = inputs()["forecast"]
     forecast[0, 0, 0, 0] = np.nan
     forecast[1, 2, 1] = np.inf

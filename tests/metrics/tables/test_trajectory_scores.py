@@ -1,4 +1,4 @@
-"""The rows of proper scores, calibration and variances: schema, averages, and the oracle's."""
+"""The rows of proper scores, calibration and variances: schema, averages, the oracle."""
 
 import numpy as np
 import pandas as pd
@@ -92,7 +92,7 @@ def test_the_oracle() -> None:
     assert value(rows, "crps") == pytest.approx(1 / np.sqrt(np.pi), abs=0.01)
 
 
-def test_what_is_not_finite_is_infinite_in_every_average_that_holds_it() -> None:
+def test_averages_with_a_non_finite_forecast_are_infinite() -> None:
     forecast = FORECAST.copy()
     forecast[1, 2, 3, 0] = np.nan
     rows = trajectory_rows(forecast, OBSERVED, SCALE, NAMES, MEMBER)
