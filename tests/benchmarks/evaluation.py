@@ -27,7 +27,7 @@ import torch
 
 from study.common.arrays import Array
 from study.metrics.joint_mmd import joint_mmd
-from study.metrics.mmd import bandwidths, mmd, pooled, sensitivity, standardise
+from study.metrics.mmd import bandwidths, mmd, pooled, sensitivity, normalize
 from tests.benchmarks.report import save
 from tests.benchmarks.timing import cores
 
@@ -43,7 +43,7 @@ def kernel_matrices(forecast: Array, observed: Array, scale: Array, bandwidth: A
     samples = forecast.shape[1]
     squared = np.empty((scenarios, steps, dimensions))
     for scenario in range(scenarios):
-        pair = standardise(forecast[scenario], observed[scenario], scale, bandwidth)
+        pair = normalize(forecast[scenario], observed[scenario], scale, bandwidth)
         for d in range(dimensions):
             x, y = (torch.from_numpy(z[..., d].T.astype(np.float32)) for z in pair)
             among_x, among_y, across = (
