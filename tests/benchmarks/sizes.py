@@ -8,7 +8,7 @@ import torch
 from study.common.progress import Progress
 from study.config.settings import Config, Ensemble, Mlp, Vae
 from study.data.normalization import Normalization
-from study.data.trajectories import Trajectories, joined
+from study.data.trajectories import Trajectories, concatenate
 from study.envs import simulators
 from study.envs.observe import observe_trajectories
 from study.models import Model, models
@@ -27,7 +27,7 @@ SIZES = {
 def observe(environment: str, count: int, horizon: int | None = None) -> Trajectories:
     """Trajectories of an environment."""
     simulator = simulators[environment](horizon=horizon)
-    return joined(observe_trajectories(simulator, count, 0, Progress()))
+    return concatenate(observe_trajectories(simulator, count, 0, Progress()))
 
 
 def build_model(name: str, config: Config, data: Trajectories) -> Any:

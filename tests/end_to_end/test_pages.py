@@ -18,7 +18,7 @@ from study.common.files import read_json
 ROOT = Path(__file__).parents[2]
 PAGES = pages(ROOT)
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
-LINK = re.compile(r"\]\(([^()\s]+)\)")
+LINK = re.compile(r"\]\(([^()\s]+)\)|<img src=\"([^\"]+)\"")
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -44,7 +44,7 @@ def test_the_front_page_is_short() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_links_lead_to_files_and_headings(page: Path) -> None:
-    for link in LINK.findall(page.read_text()):
+    for link in map("".join, LINK.findall(page.read_text())):
         parts = urlsplit(link)
         if parts.scheme:
             continue
