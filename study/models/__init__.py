@@ -1,12 +1,28 @@
-"""The forecasters. Every module in this folder registers itself when it is imported."""
+"""The forecasters. Importing the module of a model registers it."""
 
-import importlib
-import pkgutil
+from study.models import (
+    full_crps,
+    full_vae,
+    full_vae_ensemble,
+    probabilistic_ensemble,
+    probabilistic_mlp,
+    residual_crps,
+    residual_vae,
+    residual_vae_ensemble,
+)
+from study.models.base import Forecaster, Model, ModelSettings, models
 
-from study.models.base import Forecaster, Model, models
-
-__all__ = ["Forecaster", "Model", "models"]
-
-for _module in pkgutil.iter_modules(__path__):
-    if not _module.ispkg:
-        importlib.import_module(f"{__name__}.{_module.name}")
+__all__ = [
+    "Forecaster",
+    "Model",
+    "ModelSettings",
+    "full_crps",
+    "full_vae",
+    "full_vae_ensemble",
+    "models",
+    "probabilistic_ensemble",
+    "probabilistic_mlp",
+    "residual_crps",
+    "residual_vae",
+    "residual_vae_ensemble",
+]

@@ -1,79 +1,101 @@
-"""What a decoder adds to, b_{0:T}, and the conditions that it sees at every step."""
+"""The baseline b_{0:T} that a decoder adds to, and the conditions that the decoder sees."""
 
 from abc import abstractmethod
 
 import torch
 from torch import Tensor
 
-from study.models.base import Model, each_sample
-from study.models.rnn_ensemble import Ensemble
+from study.models.base import Model, S
+from study.models.rnn_ensemble import RnnEnsemble
+from study.models.sampling import repeat_samples
 
 
-class OnBaseline(Model):
-    """A model whose decoder adds to a baseline; `OnMembers` and `OnNothing` say which."""
+class BaselineModel(Model[S]):
+    """A model whose decoder adds to a baseline: see `MemberBaseline` and `ZeroBaseline`."""
+
+    @abstractmethod
+    def condition_size(self) -> int:
+        """C, the size of the decoder's condition."""
 
     @abstractmethod
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
-        """b_{0:T} of every member, [S, M, T+1, D].
+        """b_{0:T} of all members [S, M, T+1, D].
 
         Args:
             s0: [S, D].
             actions: [S, T, A].
-            members: [S, M, T, D], the ensemble's forecasts where they are at hand.
+            members: ŷ_m [S, M, T, D], the ensemble's forecasts, if they are already known.
         """
 
     @abstractmethod
-    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
-        """The decoder's condition [B, T, C], from b_{0:T} [B, T+1, D] and the actions."""
-
-    def conditions(
-        self, s0: Tensor, actions: Tensor, member: Tensor, members: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
-        """The baseline b_{0:T} [S·K, T+1, D] and the decoder's condition [S·K, T, C].
+    def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """The decoder's condition c_{0:T-1} [B, T, C].
 
         Args:
-            s0, actions, members: see `baselines`.
+            baseline: b_{0:T} [B, T+1, D].
+            actions: [B, T, A].
+        """
+
+    def select(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
+        """The baseline b_{0:T} [S·K, T+1, D] and the condition [S·K, T, C] of each sample.
+
+        Args:
+            baselines: of all members [S, M, T+1, D].
+            actions: [S, T, A].
             member: m [S, K].
         """
-        return self.drawn(self.baselines(s0, actions, members), actions, member)
-
-    def drawn(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
-        """`conditions` of the members drawn, from all baselines [S, M, T+1, D]."""
         scenarios = torch.arange(len(member), device=member.device)[:, None]
         baseline = baselines[scenarios, member].flatten(0, 1)
-        return baseline, self.beside(baseline, each_sample(actions, member.shape[1]))
+        return baseline, self.condition(baseline, repeat_samples(actions, member.shape[1]))
 
 
-class OnMembers(OnBaseline):
-    """b = ŷ_m, a member of the fitted `ensemble`, which is not trained further."""
+class MemberBaseline(BaselineModel[S]):
+    """b = ŷ_m, a member of the fitted ensemble, whose weights stay as they are.
+
+    A model inside another one may have no ensemble. Its baselines then need the members' forecasts.
+    """
 
     uses_ensemble = True
-    ensemble: Ensemble
+    ensemble: RnnEnsemble | None
 
     def members_count(self) -> int:
         """M."""
-        return self.ensemble.members_count()
+        return 1 if self.ensemble is None else self.ensemble.members_count()
+
+    def condition_size(self) -> int:
+        """See `BaselineModel.condition_size`."""
+        return self.action_size + self.state_size
 
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
-        """See `OnBaseline.baselines`: b = ŷ_m."""
+        """See `BaselineModel.baselines`: b_0 = s_0 and b_{1:T} = ŷ_m.
+
+        Raises:
+            ValueError: there is neither an ensemble nor its forecasts.
+        """
         if members is None:
+            if self.ensemble is None:
+                raise ValueError("a model without an ensemble needs the members' forecasts")
             with torch.no_grad():
                 members = self.ensemble(s0, actions)
         start = s0[:, None, None].expand(-1, members.shape[1], -1, -1)
         return torch.cat([start, members], dim=2)
 
-    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
-        """See `OnBaseline.beside`: the actions and ŝ^m_{t+1} (Figure 2, right)."""
+    def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """See `BaselineModel.condition`: c_t = [a_t, ŝ^m_{t+1}] (Figure 2, right)."""
         return torch.cat([actions, baseline[:, 1:]], dim=-1)
 
 
-class OnNothing(OnBaseline):
-    """b = 0: the decoder gives the state itself."""
+class ZeroBaseline(BaselineModel[S]):
+    """b = 0: the decoder generates the state itself."""
+
+    def condition_size(self) -> int:
+        """See `BaselineModel.condition_size`."""
+        return self.action_size
 
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
-        """See `OnBaseline.baselines`: b = 0."""
+        """See `BaselineModel.baselines`: b = 0, of one member."""
         return s0.new_zeros(len(s0), 1, actions.shape[1] + 1, s0.shape[-1])
 
-    def beside(self, baseline: Tensor, actions: Tensor) -> Tensor:
-        """See `OnBaseline.beside`: the actions."""
+    def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
+        """See `BaselineModel.condition`: c_t = a_t."""
         return actions

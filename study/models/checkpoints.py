@@ -1,6 +1,7 @@
-"""A fitted model as one safetensors file: its weights, and what is needed to build it again."""
+"""A trained model as one safetensors file: its weights, and what is needed to rebuild it."""
 
 import json
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -8,71 +9,98 @@ import numpy as np
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
-from study.common.errors import StudyError
+from study.common.errors import BadInput, StudyError
+from study.config.convert import from_json
 from study.data.normalization import Normalization
 from study.models import Model, models
-from study.models.rnn_ensemble import Ensemble
+from study.models.rnn_ensemble import RnnEnsemble
+
+ENSEMBLE = "ensemble"
+"""The name of the `RnnEnsemble`, which is not among the registered models."""
+
+
+def class_of(name: str) -> type[Model[Any]]:
+    """The registered class `name`, or `RnnEnsemble`.
+
+    Raises:
+        BadInput: there is no such model.
+    """
+    return RnnEnsemble if name == ENSEMBLE else models[name]
 
 
 def build(
     name: str,
     normalization: Normalization,
-    settings: dict[str, Any],
+    settings: Any,
     beta: float | None = None,
-    ensemble: Ensemble | None = None,
-) -> Model:
-    """A new model of the registered class `name`, or an `Ensemble`."""
-    if name == "ensemble":
-        return Ensemble(normalization, settings)
-    model = models[name]
-    extra: dict[str, Any] = {}
+    ensemble: RnnEnsemble | None = None,
+) -> Model[Any]:
+    """A new model.
+
+    Args:
+        name: see `class_of`.
+        normalization: units of states and actions.
+        settings: an instance of the class's `settings_class`.
+        beta: for a class with `tunes_beta`.
+        ensemble: for a class with `uses_ensemble`.
+    """
+    model = class_of(name)
+    arguments: dict[str, Any] = {}
     if model.tunes_beta:
-        extra["beta"] = beta
+        arguments["beta"] = beta
     if model.uses_ensemble:
-        extra["ensemble"] = ensemble
-    return model(normalization, settings, **extra)
+        arguments["ensemble"] = ensemble
+    return model(normalization, settings, **arguments)
 
 
-def save_model(model: Model, name: str, path: Path, beta: float | None = None) -> None:
-    """Write a model. The file is complete in itself: a residual VAE's holds its ensemble, too."""
-    ensemble = getattr(model, "ensemble", None)
+def fitted_ensemble(model: Model[Any]) -> RnnEnsemble | None:
+    """The ensemble inside a model with `uses_ensemble`; None for other models."""
+    return model.ensemble if model.uses_ensemble else None
+
+
+def save_model(model: Model[Any], name: str, path: Path, beta: float | None = None) -> None:
+    """Write a model. The file is self-contained: it also holds the ensemble of a residual model.
+
+    Args:
+        model: the model.
+        name: see `class_of`.
+        path: of the file.
+        beta: the β of a class with `tunes_beta`.
+    """
+    ensemble = fitted_ensemble(model)
     facts = {
         "model": name,
-        "settings": model.settings,
+        "settings": asdict(model.settings),
         "beta": beta,
-        "ensemble_settings": ensemble.settings if isinstance(ensemble, Ensemble) else None,
+        "ensemble_settings": None if ensemble is None else asdict(ensemble.settings),
     }
     tensors = {key: value.contiguous().cpu() for key, value in model.state_dict().items()}
     save_file(tensors, path, {"facts": json.dumps(facts, sort_keys=True)})
 
 
-def load_model(path: Path) -> Model:
+def load_model(path: Path) -> Model[Any]:
     """Read what `save_model` wrote, ready to forecast.
 
     Raises:
-        StudyError: the file is of a version of the study whose model was another.
+        StudyError: another version of the study wrote the file.
     """
     with safe_open(path, framework="np") as file:
         facts = json.loads(file.metadata()["facts"])
     tensors = load_file(path)
-    names = (
-        "state_mean",
-        "state_scale",
-        "action_mean",
-        "action_scale",
-        "delta_std",
-        "rotating_pairs",
-    )
-    normalization = Normalization(*(np.asarray(tensors[name].numpy()) for name in names))
-    ensemble = (
-        Ensemble(normalization, facts["ensemble_settings"]) if facts["ensemble_settings"] else None
-    )
     try:
-        model = build(facts["model"], normalization, facts["settings"], facts["beta"], ensemble)
+        arrays = [np.asarray(tensors[entry.name].numpy()) for entry in fields(Normalization)]
+        normalization = Normalization(*arrays)
+        ensemble = None
+        if facts["ensemble_settings"] is not None:
+            settings = from_json(RnnEnsemble.settings_class, facts["ensemble_settings"])
+            ensemble = RnnEnsemble(normalization, settings)
+        settings = from_json(class_of(facts["model"]).settings_class, facts["settings"])
+        model = build(facts["model"], normalization, settings, facts["beta"], ensemble)
         model.load_state_dict(tensors)
-    except (KeyError, RuntimeError) as error:
+    except (BadInput, KeyError, RuntimeError, TypeError) as error:
+        reason = str(error).splitlines()[0]
         raise StudyError(
-            f"{path}: weights of a {facts['model']} of another version of the study; run the study "
-            "again, or use the version that made them"
+            f"{path}: another version of the study wrote these weights of {facts['model']} "
+            f"({reason}); run the study again, or use that version"
         ) from error
     return model.eval()

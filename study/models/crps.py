@@ -1,137 +1,157 @@
-"""Generators trained by proper scores of their own forecasts, without an encoder and without β.
+"""Models trained by proper scores of their own forecasts, without an encoder and without β.
 
-A strictly proper score is least, on average, for the true distribution. So it can be minimised
-directly (Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). Two
-are used here. Of a single step the distribution F of each number is known, and has the logarithmic
-score
+The expectation of a strictly proper score is minimal for the true distribution. So the score can be
+the loss (Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). Two
+scores are used. The distribution F of one step has a known density, and the logarithmic score
 
     LS(F, y) = −log p_F(y)
 
-From the distribution of whole trajectories one can only draw. m forecasts of each, freely, are
-scored against what happened, which is also where it is learned how numbers go together: with x
-forecast and y observed,
+The distribution of a whole trajectory can only be sampled. m autoregressive rollouts x of each
+trajectory are scored against the observed trajectory y, which also teaches the dependence between
+dimensions:
 
-    CRPS(F, y) = E|x − y| − ½ E|x − x'|            of each number
-    ES(F, y)   = E‖x − y‖ − ½ E‖x − x'‖            of vectors: the joint state
+    CRPS(F, y) = E|x − y| − ½ E|x − x'|            of each dimension and step
+    ES(F, y)   = E‖x − y‖ − ½ E‖x − x'‖            of each step: the joint state
 
-estimated without bias for any m ≥ 2 (the fair form: pairs of one and the same forecast left out).
+Both are estimated without bias for any m ≥ 2 (the fair estimator: no pair of a sample with itself).
 """
 
 import math
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
+from study.config.settings import Crps, Train
 from study.data.normalization import Normalization
-from study.models.base import each_sample
-from study.models.baseline import OnBaseline
-from study.models.networks.likelihood import logarithmic_score
+from study.models.baseline import BaselineModel
+from study.models.networks.likelihood import weighted_log_score
 from study.models.networks.transition import TransitionDecoder
+from study.models.sampling import repeat_samples
 
-_LEAST = 1e-6
+MIN_SCORE = 1e-6
+"""Smallest score, and smallest standard deviation: keeps logarithms finite."""
 
-# How many transitions, and how many trajectories, serve for one step of the optimiser.
 TRANSITIONS = 512
+"""Transitions of one optimiser step."""
+
 TRAJECTORIES = 12
-# The learning rate's peak for whole trajectories, as a share of that for single transitions.
-FREE_RATE = 0.1
-# Times that the validation data are looked at in a fit.
-LOOKS = 10
+"""Trajectories of one optimiser step on rollouts."""
+
+ROLLOUT_RATE = 0.1
+"""Peak of the learning rate for rollouts, as a fraction of the peak for single transitions."""
+
+EVALUATIONS = 10
+"""Evaluations of the validation score during training."""
 
 
 def fair_score(forecasts: Tensor, observed: Tensor) -> Tensor:
-    """Fair energy score [...] of vectors; of vectors of one number it is the fair CRPS.
+    """Fair energy score of vectors; for vectors of length 1 it is the fair CRPS.
 
         1/m Σ_i ‖x_i − y‖ − 1/(2m(m − 1)) Σ_{i≠j} ‖x_i − x_j‖
 
     Args:
         forecasts: x [..., m, D], m ≥ 2.
         observed: y [..., D].
+
+    Returns:
+        [...]
     """
     samples = forecasts.shape[-2]
-    far = _norm(forecasts - observed[..., None, :]).mean(-1)
+    to_observed = _norm(forecasts - observed[..., None, :]).mean(-1)
     first, second = torch.triu_indices(samples, samples, 1, device=forecasts.device)
-    apart = _norm(forecasts[..., first, :] - forecasts[..., second, :]).mean(-1)
-    return far - 0.5 * apart
+    between_samples = _norm(forecasts[..., first, :] - forecasts[..., second, :]).mean(-1)
+    return to_observed - 0.5 * between_samples
 
 
 def _norm(vectors: Tensor) -> Tensor:
-    """Euclidean norm over the last axis, with a derivative where it is zero."""
+    """Euclidean norm over the last axis, with a finite gradient at zero."""
     if vectors.shape[-1] == 1:
         return vectors[..., 0].abs()
     return (vectors.square().sum(-1) + 1e-12).sqrt()
 
 
-class CrpsGenerator(OnBaseline):
-    """A decoder on a baseline, driven by noise; a subclass says which baseline.
+@dataclass(frozen=True)
+class CrpsSettings:
+    """Settings of a CRPS model."""
 
-    The first components of the noise stay for the whole trajectory, for what is hidden and lasts
-    (a payload); the others are drawn at every step.
+    crps: Crps
+    train: Train
 
-    It learns single transitions first, from which a contact of a few hundredths of a second can be
-    learned, and whole trajectories after that: what lasts, and how errors add up. It has a budget
-    of its own in the section `crps`, since it has no β to search for.
 
-    Args:
-        normalization: standard units.
-        settings: the sections `crps` and `train` of the configuration.
-        extra_conditions: size of what the decoder sees beside the actions.
+class CrpsModel(BaselineModel[CrpsSettings]):
+    """A decoder on a baseline, driven by noise; a subclass chooses the baseline.
+
+    The first components of the noise persist over the whole trajectory, for what is unobserved and
+    constant (a payload). The others are sampled at every step.
+
+    Training begins with single transitions, from which a contact of hundredths of a second can be
+    learned. Rollouts follow, which teach what persists and how errors accumulate.
     """
 
-    sections = ("crps", "train")
+    settings_class = CrpsSettings
 
-    def __init__(
-        self, normalization: Normalization, settings: dict[str, Any], extra_conditions: int = 0
-    ) -> None:
+    def __init__(self, normalization: Normalization, settings: CrpsSettings) -> None:
         super().__init__(normalization, settings)
-        crps = settings["crps"]
-        self.noise_size, self.lasting = int(crps["noise_size"]), int(crps["persistent_noise_size"])
-        sizes = (self.action_size + extra_conditions, crps["hidden_size"], self.noise_size)
-        self.decode = TransitionDecoder(normalization, *sizes, self.lasting)
+        crps = settings.crps
+        self.noise_size = crps.noise_size
+        self.decoder = TransitionDecoder(
+            normalization,
+            self.condition_size(),
+            crps.hidden_size,
+            crps.noise_size,
+            crps.persistent_noise_size,
+        )
 
     @classmethod
-    def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
-        """See `Model.budget`: that of the section `crps`. A tenth of it lies between two looks.
+    def training_options(cls, settings: CrpsSettings) -> Train:
+        """See `Model.training_options`: steps, batch and learning rate of the section `crps`.
 
-        It goes to its end, since early looks say little: a network that knows single transitions
-        may forecast badly.
+        Training never stops early. Early evaluations say little, since a model that has learned
+        single transitions alone may have bad rollouts.
         """
-        own = {name: settings["crps"][name] for name in ("steps", "batch_size", "learning_rate")}
-        looks = {"validate_every": max(1, own["steps"] // LOOKS), "patience": own["steps"]}
-        return settings["train"] | own | looks
+        crps = settings.crps
+        return replace(
+            settings.train,
+            steps=crps.steps,
+            batch_size=crps.batch_size,
+            learning_rate=crps.learning_rate,
+            validate_every=max(1, crps.steps // EVALUATIONS),
+            patience=crps.steps,
+        )
 
-    def see(self, states: Tensor) -> None:
-        """See `Model.see`: forecasts keep to their range."""
-        self.decode.bound(states)
+    def on_training_data(self, states: Tensor) -> None:
+        """See `Model.on_training_data`: forecasts keep to the range of the training states."""
+        super().on_training_data(states)
+        self.decoder.set_range(states)
 
-    def first_free(self) -> int:
-        """The first step of the optimiser that serves whole trajectories."""
-        return round(self.settings["crps"]["one_step_fraction"] * self.settings["train"]["steps"])
+    def first_rollout_step(self) -> int:
+        """The first optimiser step that trains on rollouts."""
+        return round(self.settings.crps.one_step_fraction * self.settings.crps.steps)
 
-    def forgets(self, step: int) -> bool:
-        """See `Model.forgets`: the gradient of trajectories is of another size."""
-        return step == self.first_free()
+    def resets_optimizer_at(self, step: int) -> bool:
+        """See `Model.resets_optimizer_at`: gradients of rollouts have another magnitude."""
+        return step == self.first_rollout_step()
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
-        """One cycle for single transitions, and a lower one for trajectories.
+        """See `Model.schedule`: one cycle for single transitions, and a lower one for rollouts.
 
-        Free forecasts answer to a change of the weights far more than single transitions do.
+        Rollouts respond to a change of the weights far more than single transitions do.
         """
-        cycles = partial(two_cycles, steps=steps, single=self.first_free())
+        cycles = partial(two_cycles, steps=steps, one_step_steps=self.first_rollout_step())
         return LambdaLR(optimizer, cycles)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """See `Model.losses`."""
-        free = step >= self.first_free()
-        if free:
+        on_rollouts = step >= self.first_rollout_step()
+        if on_rollouts:
             batch = {name: values[:TRAJECTORIES] for name, values in batch.items()}
         states, actions = batch["states"], batch["actions"]
         baselines = self.baselines(states[:, 0], actions, batch.get("members"))
-        losses = self.trajectory_losses if free else self.transition_losses
+        losses = self.rollout_losses if on_rollouts else self.transition_losses
         return losses(states, actions, baselines)
 
     def transition_losses(
@@ -139,9 +159,9 @@ class CrpsGenerator(OnBaseline):
     ) -> dict[str, Tensor]:
         """The logarithmic score of single transitions, and the error of their mean.
 
-        Steps of the horizon at which states change much, in units of how the change varies, are
-        drawn more often: a start from rest comes once in a trajectory. The lasting noise is left
-        out: in a single step all noise is alike.
+        Steps of the horizon are sampled in proportion to 1 + the mean squared change of the state
+        in units of δ, since a start from rest comes once in a trajectory. The persistent noise is
+        left out: within one step it cannot be told from the other noise.
 
         Args:
             states: [B, T+1, D].
@@ -149,71 +169,88 @@ class CrpsGenerator(OnBaseline):
             baselines: [B, M, T+1, D].
         """
         scale, horizon = self.delta_std, actions.shape[1]
-        liveliness = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
-        likely = liveliness.expand(len(states), -1).flatten()
-        chosen = torch.multinomial(likely, TRANSITIONS, replacement=True)
-        row, at = chosen // horizon, chosen % horizon
-        member = torch.randint(self.members_count(), chosen.shape, device=chosen.device)
-        baseline = torch.stack([baselines[row, member, at], baselines[row, member, at + 1]], 1)
-        condition = self.beside(baseline, actions[row, at][:, None])[:, 0]
-        drift = baseline[:, 1] - baseline[:, 0]
-        state = states[row, at]
-        mean, factor = self.decode.transition(state, drift, condition, states[row, 0])
-        error = (states[row, at + 1] - state - drift) / scale - mean
-        score = logarithmic_score(error, factor.square().sum(1).clamp(min=_LEAST**2))
-        # See `logarithmic_score`: what the score alone takes for noise, this does not.
-        of_mean = error.square().mean(0).clamp(min=_LEAST**2).log().mean()
-        return {"loss": score + of_mean, "loss/transitions": score, "loss/mean": of_mean}
+        weights = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
+        probabilities = weights.expand(len(states), -1).flatten()
+        chosen = torch.multinomial(probabilities, TRANSITIONS, replacement=True)
+        row, t = chosen // horizon, chosen % horizon
+        member = torch.randint(baselines.shape[1], chosen.shape, device=chosen.device)
+        baseline = torch.stack([baselines[row, member, t], baselines[row, member, t + 1]], 1)
+        condition = self.condition(baseline, actions[row, t][:, None])[:, 0]
+        baseline_change = baseline[:, 1] - baseline[:, 0]
+        state, s0 = states[row, t], states[row, 0]
+        mean, factor = self.decoder.transition(state, baseline_change, condition, s0)
+        error = (states[row, t + 1] - state - baseline_change) / scale - mean
+        score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
+        # The score may explain an error as noise; the logarithm of the squared error does not.
+        error_of_mean = error.square().mean(0).clamp(min=MIN_SCORE**2).log().mean()
+        return {
+            "loss": score + error_of_mean,
+            "loss/transitions": score,
+            "loss/mean": error_of_mean,
+        }
 
-    def trajectory_losses(
+    def rollout_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor
     ) -> dict[str, Tensor]:
-        """m free forecasts of each trajectory, each from a member of its own, and their score.
+        """The scores of m autoregressive rollouts of each trajectory, each from a sampled member.
+
+            E_d log E CRPS_d + weight · log E ES,   states of the ES in units of each E CRPS_d
+
+        The gradient of a logarithm is relative. So each dimension counts in proportion to its own
+        uncertainty.
 
         Args:
             states, actions, baselines: see `transition_losses`.
         """
-        s0, truth, crps = states[:, 0], states[:, 1:], self.settings["crps"]
-        shape = (len(s0), crps["samples"])
-        member = torch.randint(self.members_count(), shape, device=s0.device)
+        s0, truth, crps = states[:, 0], states[:, 1:], self.settings.crps
+        shape = (len(s0), crps.samples)
+        member = torch.randint(baselines.shape[1], shape, device=s0.device)
         noise = torch.randn(*shape, truth.shape[1], self.noise_size, device=s0.device)
-        forecasts = self._generate(s0, actions, noise, member, baselines)
+        forecasts = self.generate(s0, actions, noise, member, baselines)
         forecasts = forecasts.movedim(1, 2)  # [B, T, m, D]
-        each = fair_score(forecasts.movedim(-1, -2)[..., None], truth[..., None]).mean((0, 1))
-        # Of a logarithm the derivative is relative: a number counts by its own uncertainty.
-        loss = each.clamp(min=_LEAST).log().mean()
-        unit = each.detach().clamp(min=_LEAST)
-        forecasts, truth = forecasts / unit, truth / unit
-        joint = fair_score(forecasts, truth).mean()
-        loss = loss + crps["energy_weight"] * joint.clamp(min=_LEAST).log()
-        return {"loss": loss, "loss/crps": each.mean(), "loss/energy_score": joint}
+        by_dimension = fair_score(forecasts.movedim(-1, -2)[..., None], truth[..., None])
+        by_dimension = by_dimension.mean((0, 1))
+        loss = by_dimension.clamp(min=MIN_SCORE).log().mean()
+        unit = by_dimension.detach().clamp(min=MIN_SCORE)
+        energy_score = fair_score(forecasts / unit, truth / unit).mean()
+        loss = loss + crps.energy_weight * energy_score.clamp(min=MIN_SCORE).log()
+        return {
+            "loss": loss,
+            "loss/crps": by_dimension.mean(),
+            "loss/energy_score": energy_score,
+        }
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`."""
-        return self._generate(s0, actions, noise, member, self.baselines(s0, actions, None))
+        return self.generate(s0, actions, noise, member, self.baselines(s0, actions, None))
 
-    def _generate(
+    def generate(
         self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, baselines: Tensor
     ) -> Tensor:
-        """Forecasts [S, K, T, D]; noise [S, K, T, `noise_size`], baselines [S, M, T+1, D]."""
-        samples = member.shape[1]
-        baseline, condition = self.drawn(baselines, actions, member)
-        lasting = noise[:, :, :1, : self.lasting].expand(-1, -1, noise.shape[2], -1)
-        latent = torch.cat([lasting, noise[..., self.lasting :]], dim=-1).flatten(0, 1)
-        forecasts = self.decode(each_sample(s0, samples), baseline, condition, latent)
+        """Forecasts [S, K, T, D] on baselines that are already known.
+
+        Args:
+            s0, actions, noise, member: see `Model.sample`.
+            baselines: of all members [S, M, T+1, D].
+        """
+        samples, persistent_size = member.shape[1], self.settings.crps.persistent_noise_size
+        baseline, condition = self.select(baselines, actions, member)
+        persistent = noise[:, :, :1, :persistent_size].expand(-1, -1, noise.shape[2], -1)
+        noise = torch.cat([persistent, noise[..., persistent_size:]], dim=-1).flatten(0, 1)
+        forecasts = self.decoder(repeat_samples(s0, samples), baseline, condition, noise)
         return forecasts.unflatten(0, (-1, samples))
 
 
-def two_cycles(step: int, steps: int, single: int) -> float:
-    """The learning rate as a share of its peak: twice it rises briefly and falls by a cosine.
+def two_cycles(step: int, steps: int, one_step_steps: int) -> float:
+    """The learning rate as a fraction of its peak: two cycles of a short rise and a cosine decay.
 
     Args:
-        step: of the optimiser, from 0.
-        steps: of all training.
-        single: so many of them are for single transitions.
+        step: the optimiser step, from 0.
+        steps: all steps.
+        one_step_steps: steps of the first cycle, which trains on single transitions.
     """
-    if step < single:
-        peak, share = 1.0, (step + 1) / (single + 1)
+    if step < one_step_steps:
+        peak, part = 1.0, (step + 1) / (one_step_steps + 1)
     else:
-        peak, share = FREE_RATE, (step - single + 1) / (steps - single + 1)
-    return peak * min(1.0, share / 0.05) * max(0.5 * (1 + math.cos(math.pi * share)), 0.003)
+        peak, part = ROLLOUT_RATE, (step - one_step_steps + 1) / (steps - one_step_steps + 1)
+    return peak * min(1.0, part / 0.05) * max(0.5 * (1 + math.cos(math.pi * part)), 0.003)

@@ -1,7 +1,8 @@
-"""Forecasts of many scenarios, part by part, and the ensemble members behind them."""
+"""Forecasts of many scenarios in parts, and the ensemble members behind them."""
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,21 +13,30 @@ from study.common.seeds import Seeds
 from study.data.storage import Arrays
 from study.data.trajectories import ScenarioSet
 from study.envs import Simulator
-from study.models.base import Forecaster, Model, draw_members
-from study.models.checkpoints import load_model
-from study.models.model_ensemble import EnsembleOf
+from study.models.base import Forecaster, Model
+from study.models.checkpoints import fitted_ensemble, load_model
+from study.models.model_ensemble import EnsembleOfModels
 from study.models.oracle import Oracle
-from study.models.rnn_ensemble import Ensemble
+from study.models.rnn_ensemble import RnnEnsemble
+from study.models.sampling import sample_members
 
 CHUNK = 512
-"""Trajectories that the ensemble forecasts at once: bounds the memory."""
+"""Trajectories that an ensemble forecasts together: bounds the memory."""
+
+AnyEnsemble = RnnEnsemble | EnsembleOfModels[Any, Any]
 
 
-def load_forecaster(model: str, simulator: Simulator, inputs: dict[str, Path]) -> Forecaster:
-    """The cell's forecaster: the oracle, the ensemble alone, or a fitted model."""
-    if model == "oracle":
+def load_forecaster(name: str, simulator: Simulator, inputs: dict[str, Path]) -> Forecaster:
+    """The forecaster of a cell: the oracle, the ensemble alone, or a trained model.
+
+    Args:
+        name: ``oracle``, ``ensemble`` or the name of a registered model.
+        simulator: of the cell's environment.
+        inputs: folders of earlier stages, ``ensemble`` or ``trained``.
+    """
+    if name == "oracle":
         return Oracle(simulator)
-    if model == "ensemble":
+    if name == "ensemble":
         return load_model(inputs["ensemble"] / "ensemble.safetensors")
     return load_model(inputs["trained"] / "model.safetensors")
 
@@ -34,39 +44,53 @@ def load_forecaster(model: str, simulator: Simulator, inputs: dict[str, Path]) -
 def forecast_in_parts(
     forecaster: Forecaster, test: ScenarioSet, samples: int, seeds: Seeds, progress: Progress
 ) -> Floats:
-    """`forecast` of all scenarios [S, K, T, D], a tenth of them at a time to tell progress."""
+    """`Forecaster.forecast` of all scenarios [S, K, T, D], with a report after each tenth."""
     parts = np.array_split(np.arange(len(test)), min(10, len(test)))
     forecasts = []
-    for done, part in enumerate(parts, start=1):
+    for count, part in enumerate(parts, start=1):
         forecasts.append(
             forecaster.forecast(test.s0[part], test.actions[part], samples, seeds[part])
         )
-        progress(done / len(parts), "forecasting")
+        progress(count / len(parts), "forecasting")
     return np.concatenate(forecasts)
 
 
-def forecast_members(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Floats:
-    """ŷ_m of all members [N, M, T, D] in SI units, from [N, D] and [N, T, A] in SI units."""
-    return np.concatenate(list(members_in_parts(model, s0, actions)))
+def forecast_members(model: AnyEnsemble, s0: Floats, actions: Floats) -> Floats:
+    """ŷ_m of all members [N, M, T, D] in SI units.
+
+    Args:
+        model: the ensemble.
+        s0: [N, D] in SI units.
+        actions: [N, T, A] in SI units.
+    """
+    return np.concatenate(list(forecast_members_in_parts(model, s0, actions)))
 
 
 @torch.no_grad()
-def members_in_parts(model: Ensemble | EnsembleOf, s0: Floats, actions: Floats) -> Iterator[Floats]:
-    """As `forecast_members`, some trajectories at a time."""
+def forecast_members_in_parts(model: AnyEnsemble, s0: Floats, actions: Floats) -> Iterator[Floats]:
+    """As `forecast_members`, `CHUNK` trajectories at a time."""
     for start in range(0, len(s0), CHUNK):
         chunk = slice(start, start + CHUNK)
-        standard = model.normalize(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
-        yield model.denormalize(model(*standard)).cpu().numpy()
+        inputs = model.normalize(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
+        yield model.denormalize(model(*inputs)).cpu().numpy()
 
 
-def picked(
-    forecaster: Forecaster,
-    test: ScenarioSet,
-    forecasts: Floats,
-    seeds: Seeds,
-    index: Integers,
+def example_arrays(
+    forecaster: Forecaster, test: ScenarioSet, forecasts: Floats, seeds: Seeds, index: Integers
 ) -> Arrays:
-    """All that a recording shows of the scenarios `index` [P]."""
+    """What a recording shows of some scenarios.
+
+    Args:
+        forecaster: whose forecasts.
+        test: all S scenarios.
+        forecasts: [S, K, T, D].
+        seeds: of the forecasts, [S].
+        index: the scenarios shown, [P].
+
+    Returns:
+        arrays with a first axis P. An ensemble adds ``member``, the member of each sample, and
+        ``members``, the members' own forecasts.
+    """
     arrays: Arrays = {
         "scenario": index,
         "s0": test.s0[index],
@@ -75,22 +99,28 @@ def picked(
         "observed": test.observed[index],
         "forecast": forecasts[index],
     }
-    ensemble, member = ensemble_of(forecaster), members_of(forecaster, seeds, forecasts.shape[1])
+    ensemble = ensemble_of(forecaster)
+    member = members_of_samples(forecaster, seeds, forecasts.shape[1])
     if ensemble is not None and member is not None:
         arrays["member"] = member[index]
         arrays["members"] = forecast_members(ensemble, test.s0[index], test.actions[index])
     return arrays
 
 
-def ensemble_of(forecaster: Forecaster) -> Ensemble | EnsembleOf | None:
-    """The ensemble that a forecaster is, or has."""
-    if isinstance(forecaster, Ensemble | EnsembleOf):
+def ensemble_of(forecaster: Forecaster) -> AnyEnsemble | None:
+    """The ensemble that a forecaster is or contains; None without an ensemble."""
+    if isinstance(forecaster, RnnEnsemble | EnsembleOfModels):
         return forecaster
-    inner = getattr(forecaster, "ensemble", None) if isinstance(forecaster, Model) else None
-    return inner if isinstance(inner, Ensemble) else None
+    return fitted_ensemble(forecaster) if isinstance(forecaster, Model) else None
 
 
-def members_of(forecaster: Forecaster, seeds: Seeds, samples: int) -> Integers | None:
-    """The member behind each sample, [S, K]; None where there is but one."""
+def members_of_samples(forecaster: Forecaster, seeds: Seeds, samples: int) -> Integers | None:
+    """The member of each sample [S, K] of `Forecaster.forecast`; None with one member only.
+
+    Args:
+        forecaster: whose forecasts.
+        seeds: of the forecasts, [S].
+        samples: K.
+    """
     count = forecaster.members_count() if isinstance(forecaster, Model) else 1
-    return draw_members(seeds, samples, count) if count > 1 else None
+    return sample_members(seeds, samples, count) if count > 1 else None

@@ -1,16 +1,16 @@
 """The full VAE: the recurrent CVAE on the state itself (section III-C; Acharya et al. 2022)."""
 
 from study.models.base import models
-from study.models.baseline import OnNothing
-from study.models.vae import Vae
+from study.models.baseline import ZeroBaseline
+from study.models.vae import VaeModel, VaeSettings
 
 
 @models.register("full_vae")
-class FullVae(OnNothing, Vae):
-    """Same network as the residual VAE, with nothing to add to: the baseline is zero.
+class FullVae(ZeroBaseline[VaeSettings], VaeModel):
+    """The network of the residual VAE with a baseline of zero.
 
     Args:
-        normalization, settings, beta: see `Vae`.
+        normalization, settings, beta: see `VaeModel`.
     """
 
     version = 3

@@ -1,52 +1,63 @@
-"""Ensembles of whole models: the members disagree where the data do not say.
+"""Ensembles of whole models: the members disagree where the data leave the model open.
 
-M complete members of one class, each with weights and an order of the data of its own, are taken
-as M draws from what the model could be, given the data (Lakshminarayanan et al., NeurIPS 2017). A
-sample of the forecast is a sample of one member, kept over the horizon:
+M complete models of one class, each with its own initial weights and its own order of the data,
+are taken as M samples of the models that agree with the data (Lakshminarayanan et al., NeurIPS
+2017). A sample of the forecast is a sample of one member, kept over the horizon:
 
     p(s_{1:T} | s_0; a_{0:T-1}) = 1/M Σ_m p_m(s_{1:T} | s_0; a_{0:T-1})
 
-What a member foresees by itself is aleatoric, the variance between the members' means epistemic.
+The variance of one member's forecast is aleatoric, the variance between the members' means is
+epistemic.
 """
 
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
+from study.config.settings import ModelEnsemble, Train
 from study.data.normalization import Normalization
 from study.models.base import Model
 
 Rows = tuple[Tensor, Tensor]
-"""Which forecasts [R], each by its scenario and its sample."""
+"""Indices of forecasts: scenario [R] and sample [R]."""
 
 
-class EnsembleOf(Model):
-    """M members of `member_class`, trained side by side; a subclass says of which class.
+@dataclass(frozen=True)
+class EnsembleOfModelsSettings:
+    """Settings of an ensemble; a subclass adds those of a member."""
+
+    model_ensemble: ModelEnsemble
+    train: Train
+
+
+E = TypeVar("E", bound=EnsembleOfModelsSettings)
+M = TypeVar("M", bound=Model[Any])
+
+
+class EnsembleOfModels(Model[E], Generic[E, M]):
+    """M members of the class `member_class`, trained side by side.
 
     Args:
-        normalization: standard units.
-        settings: the section `model_ensemble` of the configuration, and those of a member.
-        given: what else a member is given.
+        normalization: see `Model`.
+        settings: those of the ensemble, and of a member.
+        members: new models of the class `member_class`.
     """
 
-    member_class: ClassVar[type[Model]]
+    member_class: ClassVar[type[Model[Any]]]
 
-    def __init__(
-        self, normalization: Normalization, settings: dict[str, Any], **given: Any
-    ) -> None:
+    def __init__(self, normalization: Normalization, settings: E, members: Iterable[M]) -> None:
         super().__init__(normalization, settings)
-        self.orders = int(settings["model_ensemble"]["members"])
-        self.members = nn.ModuleList(
-            self.member_class(normalization, settings, **given) for _ in range(self.orders)
-        )
-        self.noise_size = self.each()[0].noise_size
+        self.members = nn.ModuleList(members)
+        self.data_streams = len(self.members)
+        self.noise_size = self.each_member()[0].noise_size
 
-    def each(self) -> list[Any]:
-        """The members, of class `member_class`."""
+    def each_member(self) -> list[M]:
+        """The members."""
         return list(self.members)
 
     def members_count(self) -> int:
@@ -54,43 +65,44 @@ class EnsembleOf(Model):
         return len(self.members)
 
     @classmethod
-    def trial_settings(cls, settings: dict[str, Any]) -> dict[str, Any]:
-        """One member: they all share β, which is searched for as that of one model."""
-        return settings | {"model_ensemble": settings["model_ensemble"] | {"members": 1}}
+    def training_options(cls, settings: E) -> Train:
+        """See `Model.training_options`: those of a member."""
+        return cls.member_class.training_options(settings)
 
     @classmethod
-    def budget(cls, settings: dict[str, Any]) -> dict[str, Any]:
-        """See `Model.budget`: that of a member."""
-        return cls.member_class.budget(settings)
+    def trial_settings(cls, settings: E) -> E:
+        """See `Model.trial_settings`: one member, since β is the same for all members."""
+        return replace(settings, model_ensemble=replace(settings.model_ensemble, members=1))
 
-    def see(self, states: Tensor) -> None:
-        """See `Model.see`."""
-        for member in self.each():
-            member.see(states)
+    def on_training_data(self, states: Tensor) -> None:
+        """See `Model.on_training_data`."""
+        super().on_training_data(states)
+        for member in self.each_member():
+            member.on_training_data(states)
+
+    def resets_optimizer_at(self, step: int) -> bool:
+        """See `Model.resets_optimizer_at`: as a member."""
+        return self.each_member()[0].resets_optimizer_at(step)
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
-        """See `Model.schedule`: that of a member."""
-        schedule: LRScheduler = self.each()[0].schedule(optimizer, learning_rate, steps)
-        return schedule
-
-    def forgets(self, step: int) -> bool:
-        """See `Model.forgets`: as a member."""
-        forgets: bool = self.each()[0].forgets(step)
-        return forgets
+        """See `Model.schedule`: as a member."""
+        return self.each_member()[0].schedule(optimizer, learning_rate, steps)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """The sum of the members' losses, each on its own batch: the batch has a leading axis M.
+        """The sum of the members' losses. The batch has a leading axis M, each member's own batch.
 
-        The members share no parameter, so the sum's gradient is each member's own.
+        Members share no parameter: the gradient of the sum is each member's own gradient.
         """
-        told = [
+        by_member = [
             member.losses({name: values[index] for name, values in batch.items()}, step)
-            for index, member in enumerate(self.each())
+            for index, member in enumerate(self.each_member())
         ]
-        parts = {name: torch.stack([values[name] for values in told]) for name in told[0]}
-        of_members = {f"loss/member_{m}": loss for m, loss in enumerate(parts["loss"])}
-        means = {name: values.mean() for name, values in parts.items() if name != "loss"}
-        return {"loss": parts["loss"].sum()} | of_members | means
+        stacked = {
+            name: torch.stack([losses[name] for losses in by_member]) for name in by_member[0]
+        }
+        of_members = {f"loss/member_{m}": loss for m, loss in enumerate(stacked["loss"])}
+        means = {name: values.mean() for name, values in stacked.items() if name != "loss"}
+        return {"loss": stacked["loss"].sum()} | of_members | means
 
     def configure_gradient_clipping(
         self,
@@ -98,45 +110,51 @@ class EnsembleOf(Model):
         gradient_clip_val: float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Each member's gradient is clipped by its own norm, as if it were trained alone.
+        """Lightning's hook: clip each member's gradient by its own norm, as if trained alone.
 
-        By the norm of all together, a member with a large gradient would slow the others down.
+        With one norm of all members, a member with a large gradient would slow the others down.
         """
         for member in self.members:
-            wanted = [p for p in member.parameters() if p.requires_grad]
+            trained = [p for p in member.parameters() if p.requires_grad]
             if gradient_clip_val:
-                nn.utils.clip_grad_norm_(wanted, gradient_clip_val)
+                nn.utils.clip_grad_norm_(trained, gradient_clip_val)
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """Each member's forecast without noise [S, M, T, D], from s_0 [S, D], a [S, T, A]."""
-        size = self.each()[0].noise_size
+        """Each member's forecast with noise 0, [S, M, T, D], in normalized units.
+
+        Args:
+            s0: [S, D].
+            actions: [S, T, A].
+        """
+        size = self.each_member()[0].noise_size
         noise = s0.new_zeros(len(s0), len(self.members), actions.shape[1], size)
-        everyone = torch.arange(len(self.members), device=s0.device).expand(len(s0), -1)
-        return EnsembleOf.sample(self, s0, actions, noise, everyone)
+        every_member = torch.arange(len(self.members), device=s0.device).expand(len(s0), -1)
+        return EnsembleOfModels.sample(self, s0, actions, noise, every_member)
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: sample k of a scenario is one of member[k], with the same noise."""
+        """See `Model.sample`: sample k of a scenario is one of the member member[k]."""
 
-        def forecast(network: Model, rows: Rows) -> Tensor:
+        def forecast(model: M, rows: Rows) -> Tensor:
             scenario, _ = rows
-            given, none = (s0[scenario], actions[scenario]), torch.zeros_like(scenario)
-            return network.sample(*given, noise[rows][:, None], none[:, None])[:, 0]
+            index = torch.zeros_like(scenario)[:, None]
+            inputs = (s0[scenario], actions[scenario], noise[rows][:, None])
+            return model.sample(*inputs, index)[:, 0]
 
         return self.gather(member, noise, forecast)
 
     def gather(
-        self, member: Tensor, noise: Tensor, forecast: Callable[[Any, Rows], Tensor]
+        self, member: Tensor, noise: Tensor, forecast: Callable[[M, Rows], Tensor]
     ) -> Tensor:
-        """Forecasts [S, K, T, D], all of one member together.
+        """Forecasts [S, K, T, D], computed together for all samples of one member.
 
         Args:
-            member: [S, K], the member of each.
-            noise: [S, K, T, ·].
-            forecast: a member and the rows [R] that it forecasts to [R, T, D].
+            member: [S, K], the member of each sample.
+            noise: [S, K, T, `noise_size`].
+            forecast: gives the forecasts [R, T, D] of a member for its rows [R].
         """
         forecasts = noise.new_empty(*noise.shape[:3], self.state_size)
-        for index, network in enumerate(self.members):
+        for index, model in enumerate(self.each_member()):
             rows = torch.nonzero(member == index, as_tuple=True)
             if len(rows[0]):
-                forecasts[rows] = forecast(network, (rows[0], rows[1]))
+                forecasts[rows] = forecast(model, (rows[0], rows[1]))
         return forecasts

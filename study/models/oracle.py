@@ -1,4 +1,4 @@
-"""The oracle: the simulator itself as a forecaster, which no model can beat."""
+"""The oracle: the simulator itself as a forecaster, whose forecasts no model can improve."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,11 @@ from study.envs.observe import repeat_rollouts
 
 @dataclass(frozen=True)
 class Oracle:
-    """The simulator itself as a forecaster: it re-runs s_0 and the actions with other noise."""
+    """The simulator as a forecaster: it simulates s_0 and the actions with new noise.
+
+    Attributes:
+        simulator: the system that also produced the observations.
+    """
 
     simulator: Simulator
 

@@ -1,21 +1,20 @@
 """The residual VAE: the recurrent CVAE on the residual to a sampled member (section III-B)."""
 
-from typing import Any
-
 from study.data.normalization import Normalization
 from study.models.base import models
-from study.models.baseline import OnMembers
-from study.models.rnn_ensemble import Ensemble
-from study.models.vae import Vae
+from study.models.baseline import MemberBaseline
+from study.models.rnn_ensemble import RnnEnsemble
+from study.models.vae import VaeModel, VaeSettings
 
 
 @models.register("residual_vae")
-class ResidualVae(OnMembers, Vae):
-    """ŝ_pred = ε̂_alea + ŷ_m, with m drawn uniformly and kept over the horizon.
+class ResidualVae(MemberBaseline[VaeSettings], VaeModel):
+    """ŝ_pred = ε̂_alea + ŷ_m (equation 8), with m ~ U{0 … M−1} kept over the horizon.
 
     Args:
-        normalization, settings, beta: see `Vae`.
-        ensemble: the fitted ensemble. It is kept with the weights, and not trained further.
+        normalization, settings, beta: see `VaeModel`.
+        ensemble: the fitted ensemble, saved with the weights and not trained further. None for a
+            model that is given the members' forecasts.
     """
 
     version = 4
@@ -23,9 +22,9 @@ class ResidualVae(OnMembers, Vae):
     def __init__(
         self,
         normalization: Normalization,
-        settings: dict[str, Any],
+        settings: VaeSettings,
         beta: float,
-        ensemble: Ensemble,
+        ensemble: RnnEnsemble | None,
     ) -> None:
-        super().__init__(normalization, settings, beta, len(normalization.state_mean))
-        self.ensemble = ensemble.requires_grad_(False)
+        super().__init__(normalization, settings, beta)
+        self.ensemble = None if ensemble is None else ensemble.requires_grad_(False)

@@ -1,115 +1,125 @@
-"""What the residual VAE and the full VAE share: how the recurrent CVAE is fitted and sampled."""
+"""What the residual VAE and the full VAE share: training and sampling of the recurrent CVAE."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from study.config.settings import Train, Vae
 from study.data.normalization import Normalization
-from study.models.base import each_sample
-from study.models.baseline import OnBaseline
+from study.models.baseline import BaselineModel
 from study.models.networks.cvae import RecurrentCvae
+from study.models.sampling import repeat_samples
 
-# With feeding `schedule`, this share of the steps is taught with the true states.
-TAUGHT = 0.3
+TEACHER_FORCING_FRACTION = 0.3
+"""With `vae.teacher_forcing` at `scheduled`, the fraction of steps that are teacher forced."""
 
-# Share of the last batch in the running mean that is σ².
-RENEWED = 0.05
+VARIANCE_RATE = 0.05
+"""Weight of the last batch in the running mean σ²."""
 
 
-class Vae(OnBaseline):
-    """A recurrent conditional VAE on a baseline; a subclass says which baseline.
+@dataclass(frozen=True)
+class VaeSettings:
+    """Settings of a VAE."""
+
+    vae: Vae
+    train: Train
+
+
+class VaeModel(BaselineModel[VaeSettings]):
+    """A recurrent conditional VAE on a baseline; a subclass chooses the baseline.
 
     Args:
-        normalization: standard units.
-        settings: the sections `vae` and `train` of the configuration.
+        normalization, settings: see `Model`.
         beta: β of equation (12).
-        extra_conditions: size of what the decoder sees beside the actions.
     """
 
+    settings_class = VaeSettings
     tunes_beta = True
-    sections = ("vae", "train")
 
-    def __init__(
-        self,
-        normalization: Normalization,
-        settings: dict[str, Any],
-        beta: float,
-        extra_conditions: int = 0,
-    ) -> None:
+    def __init__(self, normalization: Normalization, settings: VaeSettings, beta: float) -> None:
         super().__init__(normalization, settings)
-        vae = settings["vae"]
-        self.beta, self.feeding, self.draws = (
-            beta,
-            vae["teacher_forcing"],
-            vae["decoder_output"] == "sample",
-        )
-        self.latent_size = int(vae["latent_size"])
-        self.noise_size = self.latent_size + (self.state_size if self.draws else 0)
-        increments = vae["target"] == "delta"
+        vae = settings.vae
+        self.beta = beta
+        self.samples_output = vae.decoder_output == "sample"
+        self.noise_size = vae.latent_size + (self.state_size if self.samples_output else 0)
+        delta_target = vae.target == "delta"
         self.cvae = RecurrentCvae(
-            self.delta_std if increments else torch.ones_like(self.delta_std),
-            self.action_size + extra_conditions,
-            vae["hidden_size"],
-            self.latent_size,
-            increments=increments,
-            one_width=vae["variance"] == "homoscedastic",
-            sees_target=vae["encoder"] == "target",
+            self.delta_std if delta_target else torch.ones_like(self.delta_std),
+            self.condition_size(),
+            vae.hidden_size,
+            vae.latent_size,
+            delta_target=delta_target,
+            homoscedastic=vae.variance == "homoscedastic",
+            sees_target=vae.encoder == "target",
         )
-
-    def draw_training_members(self, count: int, device: torch.device) -> Tensor:
-        """m [B] for a training batch (Algorithm 1, line 4)."""
-        size = 1 if self.settings["vae"]["member"] == "batch" else count
-        return torch.randint(self.members_count(), (size,), device=device).expand(count)
-
-    def is_taught(self, step: int) -> bool:
-        """Whether the decoder is now fed the true states instead of its own predictions."""
-        if self.feeding != "scheduled":
-            return self.feeding == "always"
-        return bool(step < TAUGHT * self.settings["train"]["steps"])
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """One batch of Algorithm 1."""
+        """See `Model.losses`: one batch of Algorithm 1."""
         states, actions = batch["states"], batch["actions"]
         s0, truth = states[:, 0], states[:, 1:]
-        member = self.draw_training_members(len(s0), s0.device)
-        baseline, condition = self.conditions(s0, actions, member[:, None], batch.get("members"))
+        baselines = self.baselines(s0, actions, batch.get("members"))
+        member = self.sample_training_members(len(s0), baselines.shape[1], s0.device)
+        baseline, condition = self.select(baselines, actions, member[:, None])
         target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
-        latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
-        history = states[:, :-1] if self.is_taught(step) else None
-        given = (s0, baseline, condition, latent, history)
-        prediction, log_width = self.cvae.decode.distribution(*given)
-        loss, likelihood, divergence, variance = self.cvae.loss(
-            truth - prediction, log_width, mean, log_variance, self.beta
+        latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)  # z_t ~ q_φ(z_t | ·)
+        history = states[:, :-1] if self.is_teacher_forced(step) else None
+        # ŝ_pred = ε̂_alea + ŷ_m, equation (8)
+        prediction, log_std = self.cvae.decoder(s0, baseline, condition, latent, history)
+        loss, nll, divergence, variance = self.cvae.loss(
+            truth - prediction, log_std, mean, log_variance, self.beta
         )
-        self.cvae.decode.remember(variance, max(RENEWED, 1 / (step + 1)))
-        return {"loss": loss, "loss/negative_log_likelihood": likelihood, "loss/kl": divergence}
+        self.cvae.decoder.update_variance(variance, max(VARIANCE_RATE, 1 / (step + 1)))
+        return {"loss": loss, "loss/negative_log_likelihood": nll, "loss/kl": divergence}
+
+    def sample_training_members(self, count: int, members: int, device: torch.device) -> Tensor:
+        """m ~ U{0 … M−1} of each trajectory of a batch, [B] (Algorithm 1, line 4).
+
+        Args:
+            count: B.
+            members: M.
+            device: of the result.
+        """
+        size = 1 if self.settings.vae.member == "batch" else count
+        return torch.randint(members, (size,), device=device).expand(count)
+
+    def is_teacher_forced(self, step: int) -> bool:
+        """Whether the decoder's state history is now the true states, not its own predictions."""
+        if self.settings.vae.teacher_forcing == "scheduled":
+            return step < TEACHER_FORCING_FRACTION * self.settings.train.steps
+        return self.settings.vae.teacher_forcing == "always"
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: z_t from the prior, s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
-
-        A decoder that was taught with true states, noise and all, is fed what was drawn; one that
-        learned from its own predictions is fed those.
-        """
+        """See `Model.sample`."""
         return self.generate(s0, actions, noise, member, None)
 
     def generate(
         self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, members: Tensor | None
     ) -> Tensor:
-        """As `sample`, with the ensemble's forecasts [S, M, T, D] where they are at hand."""
+        """Forecasts with z_t ~ p(z_t), and s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
+
+        A decoder trained on true states, noise included, is fed its samples. A decoder trained on
+        its own predictions is fed those.
+
+        Args:
+            s0, actions, noise, member: see `Model.sample`.
+            members: ŷ_m [S, M, T, D], the ensemble's forecasts, if they are already known.
+
+        Returns:
+            [S, K, T, D]
+        """
         samples = member.shape[1]
-        baseline, condition = self.conditions(s0, actions, member, members)
-        latent, normal = noise.flatten(0, 1).split_with_sizes(
-            [self.latent_size, self.noise_size - self.latent_size], dim=-1
-        )
-        given = (each_sample(s0, samples), baseline, condition, latent)
-        decode = self.cvae.decode
-        if not self.draws:
-            forecasts = decode(*given)
-        elif self.feeding == "always":
-            forecasts = decode.draw(*given, normal)
+        baseline, condition = self.select(self.baselines(s0, actions, members), actions, member)
+        latent_size = self.settings.vae.latent_size
+        latent, normal = noise.flatten(0, 1).tensor_split([latent_size], dim=-1)
+        inputs = (repeat_samples(s0, samples), baseline, condition, latent)
+        decoder = self.cvae.decoder
+        if self.samples_output and self.settings.vae.teacher_forcing == "always":
+            forecasts = decoder.sample(*inputs, normal)
         else:
-            mean, log_width = decode.distribution(*given)
-            forecasts = mean + decode.variance.sqrt() * torch.exp(log_width) * normal
+            forecasts, log_std = decoder(*inputs)
+            if self.samples_output:
+                std = decoder.variance.sqrt() * torch.exp(log_std)
+                forecasts = forecasts + std * normal
         return forecasts.unflatten(0, (-1, samples))

@@ -18,8 +18,8 @@ from study.common.seeds import derive, torch_seed
 from study.config.stage_settings import EnsembleSettings
 from study.data.storage import save_parts
 from study.models.checkpoints import save_model
-from study.models.forecasting import members_in_parts
-from study.models.rnn_ensemble import RnnEnsemble
+from study.models.forecasting import forecast_members_in_parts
+from study.models.rnn_ensemble import RnnEnsemble, RnnEnsembleSettings
 from study.recording.training import RerunLogger
 from study.training.data_module import TrajectoryDataModule
 from study.training.fit import FitOptions, fit
@@ -42,7 +42,7 @@ def run(
         cross_fit=ensemble.cross_fit,
     )
     torch.manual_seed(torch_seed(settings.seed))
-    model = RnnEnsemble(normalization, ensemble)
+    model = RnnEnsemble(normalization, RnnEnsembleSettings(ensemble))
     options = FitOptions(
         settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
     )
@@ -54,7 +54,7 @@ def run(
         fit(model, data, out, progress.part(0.0, 0.95), options, loggers=[logger])
     save_model(model, "ensemble", out / "ensemble.safetensors")
     progress(0.95, "forecasts of the training trajectories")
-    parts = members_in_parts(model, training.states[:, 0], training.actions)
+    parts = forecast_members_in_parts(model, training.states[:, 0], training.actions)
     if ensemble.cross_fit:
         parts = _out_of_fold(parts)
     save_parts(out / "members.safetensors", ({"members": part} for part in parts), len(training))

@@ -22,7 +22,12 @@ from study.data.storage import save_arrays
 from study.data.trajectories import ScenarioSet
 from study.envs import simulators
 from study.metrics.tables.scores import Outcomes, score
-from study.models.forecasting import forecast_in_parts, load_forecaster, members_of, picked
+from study.models.forecasting import (
+    example_arrays,
+    forecast_in_parts,
+    load_forecaster,
+    members_of_samples,
+)
 from study.models.oracle import Oracle
 from study.recording.examples import choose_examples
 from study.recording.illustration import illustrate
@@ -54,13 +59,13 @@ def run(
         kernel.scale,
         kernel.bandwidth * evaluate.bandwidth,
         kernel.names,
-        members_of(forecaster, seeds, evaluate.samples),
+        members_of_samples(forecaster, seeds, evaluate.samples),
         reference_shifts=isinstance(forecaster, Oracle),
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
     scores.to_parquet(out / "scores.parquet", index=False)
     chosen = choose_examples(scores, evaluate.examples)
-    arrays = picked(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
+    arrays = example_arrays(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
     save_arrays(out / "examples.safetensors", arrays, {"rules": list(chosen)})
     if "members" in arrays:
         illustration, facts = illustrate(simulator, arrays, list(chosen))

@@ -1,4 +1,4 @@
-"""C source to a shared library for the processor at hand, made once and kept for the next time."""
+"""Compile a C source to a shared library for this processor, and cache the library."""
 
 import hashlib
 import os
@@ -10,11 +10,15 @@ from pathlib import Path
 
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared")
 SWITCH = "STUDY_COMPILED"
-"""With 0 in this environment variable nothing is compiled."""
+"""Environment variable: with the value 0 nothing is compiled."""
 
 
 def find() -> str | None:
-    """The C compiler: $CC, cc, gcc or clang; None if there is none, or none is to be used."""
+    """Path of the C compiler: the first of $CC, cc, gcc and clang that exists.
+
+    Returns:
+        None if there is none, or if the environment variable `SWITCH` forbids to use one.
+    """
     if os.environ.get(SWITCH) == "0":
         return None
     names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
@@ -22,12 +26,17 @@ def find() -> str | None:
 
 
 def build(source: Path, compiler: str) -> Path:
-    """The shared library of a source, in the user's cache folder; compiled if it is not there.
+    """Path of the shared library of a source, which is compiled unless the cache has it.
 
-    Where that folder cannot be written, the library is compiled for this process alone.
+    The cache is ``study`` in the user's cache folder. Where that folder cannot be written, the
+    library is compiled into a temporary folder for this process alone.
+
+    Args:
+        source: the C file.
+        compiler: path of the compiler.
 
     Raises:
-        OSError: the compiler cannot be run, or fails.
+        OSError: the compiler cannot be run, or it reports an error.
     """
     version = _run([compiler, "--version"])
     parts = (source.read_text(encoding="utf-8"), version, _processor(), *FLAGS)
@@ -35,36 +44,37 @@ def build(source: Path, compiler: str) -> Path:
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "study"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        own = Path(tempfile.mkdtemp(dir=folder))
+        scratch = Path(tempfile.mkdtemp(dir=folder))
     except OSError:
-        folder = own = Path(tempfile.mkdtemp(prefix="study-"))
+        folder = scratch = Path(tempfile.mkdtemp(prefix="study-"))
     path = folder / f"{source.stem}-{key}.so"
     try:
         if not path.is_file():
-            # Several processes may compile at once: each its own file, and the last one stays.
-            _run([compiler, *FLAGS, str(source), "-o", str(own / path.name)])
-            os.replace(own / path.name, path)
+            # Several processes may compile at once: each writes its own file and moves it here.
+            _run([compiler, *FLAGS, str(source), "-o", str(scratch / path.name)])
+            os.replace(scratch / path.name, path)
     finally:
-        if own != folder:
-            shutil.rmtree(own, ignore_errors=True)
+        if scratch != folder:
+            shutil.rmtree(scratch, ignore_errors=True)
     return path
 
 
 def _run(command: list[str]) -> str:
+    """The standard output of a command."""
     try:
-        done = subprocess.run(command, capture_output=True, timeout=120, text=True)
+        process = subprocess.run(command, capture_output=True, timeout=120, text=True)
     except subprocess.SubprocessError as error:
         raise OSError(str(error)) from None
-    if done.returncode:
-        raise OSError(f"{command[0]} failed: {' '.join(done.stderr.split())[:200]}")
-    return done.stdout
+    if process.returncode:
+        raise OSError(f"{command[0]} failed: {' '.join(process.stderr.split())[:200]}")
+    return process.stdout
 
 
 def _processor() -> str:
-    """What a program for this very processor depends on."""
+    """A description of the processor, since ``-march=native`` depends on it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return f"{platform.machine()} {platform.processor()}"
-    wanted = ("model name", "flags", "Features", "CPU part")
-    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+    keys = ("model name", "flags", "Features", "CPU part")
+    return "\n".join(sorted({line for line in lines if line.startswith(keys)}))

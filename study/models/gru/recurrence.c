@@ -1,13 +1,14 @@
 /* The gated recurrent unit with a fed back state of recurrence.py, forwards and backwards.
 
-   A trajectory of the batch depends on no other, so a block of ROWS of them goes through the whole
-   horizon at once: its state and the weights then stay in the nearest caches, and what is left is
-   matrix products of a few rows (`product`), with the pointwise part applied before their result
-   has left. The weights' gradients are sums over steps and rows, and are left to the caller.
+   The trajectories of a batch are independent. So a block of ROWS trajectories goes through the
+   whole horizon at once, and its state and the weights stay in the nearest caches. What remains is
+   matrix products of a few rows (`product`); the pointwise operations follow while the result is
+   still in the cache. The gradients of the weights are sums over steps and rows, and are left to
+   the caller.
 
-   Arrays are row by row, float32. Leading axis M: independent networks, each with its own weights.
-   A row adds its products in the same order whatever the batch, so a forecast does not depend on
-   what else is forecast beside it. */
+   Arrays are float32 in row-major order. The leading axis M is that of independent networks, each
+   with its own weights. A row adds its products in the same order for every batch size, so a
+   forecast does not depend on the other forecasts of the batch. */
 
 #include <stdint.h>
 #include <stdlib.h>
@@ -116,46 +117,48 @@ static float *zeros(long count)
     return memory;
 }
 
-/* Blocks first … last - 1 of the M · ceil(B / ROWS) there are.
+/* The forward pass of the blocks first … last - 1. There are M · ceil(B / ROWS) blocks.
 
-   inputs [M, B, T, C], drift [M, B, T, D], hidden [M, B, H], state [M, B, D],
-   enter [M, C + D, 3H] (of the inputs, then of the state), weight [M, H, 3H],
-   bias [M, 2, 3H] (of the inputs, of the hidden state), out [M, H, D]. Noise, where not null:
-   noise [M, B, T, D] and spread [M, H + 1, D] (of the hidden state, then the bias).
+   Reads inputs [M, B, T, C], offset [M, B, T, D], hidden [M, B, H], state [M, B, D],
+   weight_ih [M, C + D, 3H] (rows of the inputs, then of the state), weight_hh [M, H, 3H],
+   bias [M, 2, 3H] (of the inputs, then of the hidden state) and weight_ho [M, H, D].
+   With noise also noise [M, B, T, D] and log_std_weight [M, H + 1, D] (rows of the hidden state,
+   then the bias); without noise both are null.
 
-   Writes states [M, B, T + 1, D] and, where not null, hiddens [M, B, T + 1, H] and what the
-   derivative needs besides: seen [M, B, T + 1, C + D + 1], that is the inputs, the state and a 1, and gates
-   [M, B, T, 4H], that is r, u, n and g_n. (Step T of `seen` is left at zero.) */
+   Writes states [M, B, T + 1, D]. Writes hiddens [M, B, T + 1, H] unless null, and what the
+   backward pass needs unless null: gates [M, B, T, 4H], which are r, u, n and g_n, and gate_inputs
+   [M, B, T + 1, C + D + 1], which are the inputs, the state and a 1. Step T of `gate_inputs` is
+   zero. */
 void forward(
-    long first, long last, long batch, long steps, long C, long D, long H, float keep,
-    const float *inputs, const float *drift, const float *hidden, const float *state,
-    const float *enter, const float *weight, const float *bias, const float *out,
-    const float *spread, const float *noise, float *hiddens, float *states, float *seen,
-    float *gates)
+    long first, long last, long batch, long steps, long C, long D, long H, float residual,
+    const float *inputs, const float *offset, const float *hidden, const float *state,
+    const float *weight_ih, const float *weight_hh, const float *bias, const float *weight_ho,
+    const float *log_std_weight, const float *noise, float *hiddens, float *states,
+    float *gate_inputs, float *gates)
 {
     const long blocks = (batch + ROWS - 1) / ROWS, X = C + D, HH = padded(H), DD = padded(D);
-    const long both = padded(2 * H), width = both + 2 * HH;
-    float *enter_both = zeros(X * both), *enter_n = zeros(X * HH);
-    float *weight_both = zeros(H * both), *weight_n = zeros(H * HH), *out_packed = zeros(H * DD);
-    float *spread_packed = zeros(H * DD), *w = zeros(ROWS * DD);
-    float *start = zeros(width), *g = zeros(ROWS * width), *h = zeros(ROWS * HH);
+    const long RU = padded(2 * H), row_size = RU + 2 * HH;
+    float *ih_ru = zeros(X * RU), *ih_n = zeros(X * HH);
+    float *hh_ru = zeros(H * RU), *hh_n = zeros(H * HH), *ho_packed = zeros(H * DD);
+    float *log_std_packed = zeros(H * DD), *w = zeros(ROWS * DD);
+    float *start = zeros(row_size), *g = zeros(ROWS * row_size), *h = zeros(ROWS * HH);
     float *x = zeros(ROWS * (X + 1)), *s = zeros(ROWS * DD);
     long packed = -1;
     for (long index = first; index < last; index++) {
         const long m = index / blocks, row = index % blocks * ROWS;
         const long rows = batch - row < ROWS ? batch - row : ROWS;
         if (m != packed) {
-            const float *in = enter + m * X * 3 * H, *re = weight + m * H * 3 * H;
+            const float *ih = weight_ih + m * X * 3 * H, *hh = weight_hh + m * H * 3 * H;
             const float *b = bias + m * 6 * H;
-            pack(in, X, 2 * H, 3 * H, 1, enter_both);
-            pack(in + 2 * H, X, H, 3 * H, 1, enter_n);
-            pack(re, H, 2 * H, 3 * H, 1, weight_both);
-            pack(re + 2 * H, H, H, 3 * H, 1, weight_n);
-            pack(out + m * H * D, H, D, D, 1, out_packed);
-            if (noise) pack(spread + m * (H + 1) * D, H, D, D, 1, spread_packed);
+            pack(ih, X, 2 * H, 3 * H, 1, ih_ru);
+            pack(ih + 2 * H, X, H, 3 * H, 1, ih_n);
+            pack(hh, H, 2 * H, 3 * H, 1, hh_ru);
+            pack(hh + 2 * H, H, H, 3 * H, 1, hh_n);
+            pack(weight_ho + m * H * D, H, D, D, 1, ho_packed);
+            if (noise) pack(log_std_weight + m * (H + 1) * D, H, D, D, 1, log_std_packed);
             for (long j = 0; j < 2 * H; j++) start[j] = b[j] + b[3 * H + j];
-            memcpy(start + both, b + 2 * H, H * sizeof(float));
-            memcpy(start + both + HH, b + 5 * H, H * sizeof(float));
+            memcpy(start + RU, b + 2 * H, H * sizeof(float));
+            memcpy(start + RU + HH, b + 5 * H, H * sizeof(float));
             packed = m;
         }
         for (long i = 0; i < rows; i++) {
@@ -165,60 +168,62 @@ void forward(
             if (hiddens)
                 memcpy(hiddens + r * (steps + 1) * H, hidden + r * H, H * sizeof(float));
             memcpy(states + r * (steps + 1) * D, state + r * D, D * sizeof(float));
-            if (seen)
-                memset(seen + (r * (steps + 1) + steps) * (X + 1), 0, (X + 1) * sizeof(float));
+            if (gate_inputs)
+                memset(gate_inputs + (r * (steps + 1) + steps) * (X + 1), 0,
+                       (X + 1) * sizeof(float));
         }
         for (long t = 0; t < steps; t++) {
             for (long i = 0; i < rows; i++) {
                 const long r = m * batch + row + i;
-                float *own = x + i * (X + 1);
-                memcpy(own, inputs + (r * steps + t) * C, C * sizeof(float));
-                memcpy(own + C, s + i * DD, D * sizeof(float));
-                own[X] = 1;
-                memcpy(g + i * width, start, width * sizeof(float));
-                if (seen)
-                    memcpy(seen + (r * (steps + 1) + t) * (X + 1), own, (X + 1) * sizeof(float));
+                float *row_x = x + i * (X + 1);
+                memcpy(row_x, inputs + (r * steps + t) * C, C * sizeof(float));
+                memcpy(row_x + C, s + i * DD, D * sizeof(float));
+                row_x[X] = 1;
+                memcpy(g + i * row_size, start, row_size * sizeof(float));
+                if (gate_inputs)
+                    memcpy(gate_inputs + (r * (steps + 1) + t) * (X + 1), row_x,
+                           (X + 1) * sizeof(float));
             }
-            product(rows, X, both, x, X + 1, enter_both, g, width);
-            product(rows, H, both, h, HH, weight_both, g, width);
-            product(rows, X, HH, x, X + 1, enter_n, g + both, width);
-            product(rows, H, HH, h, HH, weight_n, g + both + HH, width);
+            product(rows, X, RU, x, X + 1, ih_ru, g, row_size);
+            product(rows, H, RU, h, HH, hh_ru, g, row_size);
+            product(rows, X, HH, x, X + 1, ih_n, g + RU, row_size);
+            product(rows, H, HH, h, HH, hh_n, g + RU + HH, row_size);
             for (long i = 0; i < rows; i++) {
                 const long r = m * batch + row + i;
-                float *own = g + i * width, *mine = h + i * HH;
+                float *row_g = g + i * row_size, *row_h = h + i * HH;
                 for (long j = 0; j < 2 * H; j += LANES)
-                    *(vec *)(own + j) = sigmoid(*(vec *)(own + j));
+                    *(vec *)(row_g + j) = sigmoid(*(vec *)(row_g + j));
                 for (long j = 0; j < H; j += LANES) {
-                    const vec reset = *(vec *)(own + j), update = *(vec *)(own + H + j);
-                    vec *n = (vec *)(own + both + j), *old = (vec *)(mine + j);
-                    *n = hyperbolic_tangent(*n + reset * *(vec *)(own + both + HH + j));
+                    const vec reset = *(vec *)(row_g + j), update = *(vec *)(row_g + H + j);
+                    vec *n = (vec *)(row_g + RU + j), *old = (vec *)(row_h + j);
+                    *n = hyperbolic_tangent(*n + reset * *(vec *)(row_g + RU + HH + j));
                     *old = *n + update * (*old - *n);
                 }
                 if (hiddens)
-                    memcpy(hiddens + (r * (steps + 1) + t + 1) * H, mine, H * sizeof(float));
+                    memcpy(hiddens + (r * (steps + 1) + t + 1) * H, row_h, H * sizeof(float));
                 if (gates) {
-                    float *kept = gates + (r * steps + t) * 4 * H;
-                    memcpy(kept, own, 2 * H * sizeof(float));
-                    memcpy(kept + 2 * H, own + both, H * sizeof(float));
-                    memcpy(kept + 3 * H, own + both + HH, H * sizeof(float));
+                    float *row_gates = gates + (r * steps + t) * 4 * H;
+                    memcpy(row_gates, row_g, 2 * H * sizeof(float));
+                    memcpy(row_gates + 2 * H, row_g + RU, H * sizeof(float));
+                    memcpy(row_gates + 3 * H, row_g + RU + HH, H * sizeof(float));
                 }
                 float *next = s + i * DD;
-                const float *add = drift + (r * steps + t) * D;
-                for (long j = 0; j < D; j++) next[j] = keep * next[j] + add[j];
+                const float *step_offset = offset + (r * steps + t) * D;
+                for (long j = 0; j < D; j++) next[j] = residual * next[j] + step_offset[j];
             }
-            product(rows, H, DD, h, HH, out_packed, s, DD);
+            product(rows, H, DD, h, HH, ho_packed, s, DD);
             if (noise) {
-                const float *offset = spread + (m * (H + 1) + H) * D;
-                for (long i = 0; i < rows; i++) memcpy(w + i * DD, offset, D * sizeof(float));
-                product(rows, H, DD, h, HH, spread_packed, w, DD);
+                const float *log_std_bias = log_std_weight + (m * (H + 1) + H) * D;
+                for (long i = 0; i < rows; i++) memcpy(w + i * DD, log_std_bias, D * sizeof(float));
+                product(rows, H, DD, h, HH, log_std_packed, w, DD);
             }
             for (long i = 0; noise && i < rows; i++) {
-                const float *own = noise + ((m * batch + row + i) * steps + t) * D;
+                const float *row_noise = noise + ((m * batch + row + i) * steps + t) * D;
                 for (long j = 0; j < DD; j += LANES) {
                     vec *factor = (vec *)(w + i * DD + j);
                     *factor = exponential(hyperbolic_tangent(*factor));
                 }
-                for (long j = 0; j < D; j++) s[i * DD + j] += w[i * DD + j] * own[j];
+                for (long j = 0; j < D; j++) s[i * DD + j] += w[i * DD + j] * row_noise[j];
             }
             for (long i = 0; i < rows; i++) {
                 const long r = m * batch + row + i;
@@ -226,8 +231,7 @@ void forward(
             }
         }
     }
-    float *all[] = {enter_both, enter_n, weight_both, weight_n, out_packed, spread_packed,
-                    start, g, h, x, s, w};
+    float *all[] = {ih_ru, ih_n, hh_ru, hh_n, ho_packed, log_std_packed, start, g, h, x, s, w};
     for (unsigned i = 0; i < sizeof all / sizeof *all; i++) free(all[i]);
 }
 
@@ -236,85 +240,87 @@ static void add(long count, const float *restrict from, float *restrict to)
     for (long j = 0; j < count; j++) to[j] += from[j];
 }
 
-/* From the derivative by h_{t+1} those by the four sums, and its share that goes to h_t directly. */
+/* Through the gates: from the gradient of h_{t+1} the gradients of the four sums g_n, r, u and x_n,
+   and in place the part of the gradient of h_t that u passes on directly. */
 static void chain(
-    long H, const float *restrict gates, const float *restrict before, float *restrict of_hidden,
+    long H, const float *restrict gates, const float *restrict before, float *restrict grad_hidden,
     float *restrict sums)
 {
     for (long j = 0; j < H; j++) {
         const float reset = gates[j], update = gates[H + j], n = gates[2 * H + j];
-        const float of_n = of_hidden[j] * (1 - update) * (1 - n * n);
-        sums[j] = of_n * reset;
-        sums[H + j] = of_n * gates[3 * H + j] * reset * (1 - reset);
-        sums[2 * H + j] = of_hidden[j] * (before[j] - n) * update * (1 - update);
-        sums[3 * H + j] = of_n;
-        of_hidden[j] *= update;
+        const float grad_n = grad_hidden[j] * (1 - update) * (1 - n * n);
+        sums[j] = grad_n * reset;
+        sums[H + j] = grad_n * gates[3 * H + j] * reset * (1 - reset);
+        sums[2 * H + j] = grad_hidden[j] * (before[j] - n) * update * (1 - update);
+        sums[3 * H + j] = grad_n;
+        grad_hidden[j] *= update;
     }
 }
 
-/* The chain rule, from the last step to the first; sizes and blocks as above.
+/* The backward pass, from the last step to the first. Sizes and blocks are those of `forward`.
 
-   of_hiddens [M, B, T, H] and of_states [M, B, T, D] (either may be null) are the loss's
-   derivatives by the results. Writes those by the gates' sums, sums [M, B, T + 1, 4H]: g_n, r, u,
-   x_n; and of drift [M, B, T + 1, D], of_hidden [M, B, H], of_state [M, B, D]. (Step T of the two
-   is zero, so that step t stands beside step t of `hiddens` and `seen`.) */
+   Reads the gradients of the results, grad_hiddens [M, B, T, H] and grad_states [M, B, T, D];
+   either may be null. Writes those of the gates' sums, sums [M, B, T + 1, 4H] in the order g_n, r,
+   u, x_n, and grad_offset [M, B, T + 1, D], grad_hidden [M, B, H] and grad_state [M, B, D]. Step T
+   of sums and grad_offset is zero, so that their steps align with those of `hiddens` and
+   `gate_inputs`. */
 void backward(
-    long first, long last, long batch, long steps, long C, long D, long H, float keep,
-    const float *enter, const float *weight, const float *out, const float *hiddens,
-    const float *gates, const float *of_hiddens, const float *of_states, float *sums,
-    float *of_drift, float *of_hidden, float *of_state)
+    long first, long last, long batch, long steps, long C, long D, long H, float residual,
+    const float *weight_ih, const float *weight_hh, const float *weight_ho, const float *hiddens,
+    const float *gates, const float *grad_hiddens, const float *grad_states, float *sums,
+    float *grad_offset, float *grad_hidden, float *grad_state)
 {
     const long blocks = (batch + ROWS - 1) / ROWS, HH = padded(H), DD = padded(D);
-    float *back = zeros(3 * H * HH), *feed_back = zeros(3 * H * DD), *out_back = zeros(D * HH);
-    float *weight_t = zeros(3 * H * H), *d = zeros(ROWS * 4 * H);
-    float *dh = zeros(ROWS * HH), *ds = zeros(ROWS * DD);
+    float *hh_back = zeros(3 * H * HH), *ih_back = zeros(3 * H * DD), *ho_back = zeros(D * HH);
+    float *hh_transposed = zeros(3 * H * H), *d = zeros(ROWS * 4 * H);
+    float *grad_h = zeros(ROWS * HH), *grad_s = zeros(ROWS * DD);
     long packed = -1;
     for (long index = first; index < last; index++) {
         const long m = index / blocks, row = index % blocks * ROWS;
         const long rows = batch - row < ROWS ? batch - row : ROWS;
         if (m != packed) {
-            /* Of the products' transposes: rows in the order g_n, r, u as in `sums`. */
-            const float *re = weight + m * H * 3 * H;
+            /* Transposes of the weights; rows in the order g_n, r, u of `sums`. */
+            const float *hh = weight_hh + m * H * 3 * H;
             for (long k = 0; k < 3 * H; k++)
                 for (long j = 0; j < H; j++)
-                    weight_t[k * H + j] = re[j * 3 * H + (k + 2 * H) % (3 * H)];
-            pack(weight_t, 3 * H, H, H, 1, back);
-            pack(enter + (m * (C + D) + C) * 3 * H, 3 * H, D, 1, 3 * H, feed_back);
-            pack(out + m * H * D, D, H, 1, D, out_back);
+                    hh_transposed[k * H + j] = hh[j * 3 * H + (k + 2 * H) % (3 * H)];
+            pack(hh_transposed, 3 * H, H, H, 1, hh_back);
+            pack(weight_ih + (m * (C + D) + C) * 3 * H, 3 * H, D, 1, 3 * H, ih_back);
+            pack(weight_ho + m * H * D, D, H, 1, D, ho_back);
             packed = m;
         }
-        memset(dh, 0, ROWS * HH * sizeof(float));
-        memset(ds, 0, ROWS * DD * sizeof(float));
+        memset(grad_h, 0, ROWS * HH * sizeof(float));
+        memset(grad_s, 0, ROWS * DD * sizeof(float));
         for (long i = 0; i < rows; i++) {
             const long end = (m * batch + row + i) * (steps + 1) + steps;
             memset(sums + end * 4 * H, 0, 4 * H * sizeof(float));
-            memset(of_drift + end * D, 0, D * sizeof(float));
+            memset(grad_offset + end * D, 0, D * sizeof(float));
         }
         for (long t = steps - 1; t >= 0; t--) {
             for (long i = 0; i < rows; i++) {
                 const long r = m * batch + row + i;
-                if (of_hiddens) add(H, of_hiddens + (r * steps + t) * H, dh + i * HH);
-                if (of_states) add(D, of_states + (r * steps + t) * D, ds + i * DD);
-                memcpy(of_drift + (r * (steps + 1) + t) * D, ds + i * DD, D * sizeof(float));
+                if (grad_hiddens) add(H, grad_hiddens + (r * steps + t) * H, grad_h + i * HH);
+                if (grad_states) add(D, grad_states + (r * steps + t) * D, grad_s + i * DD);
+                memcpy(grad_offset + (r * (steps + 1) + t) * D, grad_s + i * DD, D * sizeof(float));
             }
-            if (D) product(rows, D, HH, ds, DD, out_back, dh, HH);
+            if (D) product(rows, D, HH, grad_s, DD, ho_back, grad_h, HH);
             for (long i = 0; i < rows; i++) {
                 const long r = m * batch + row + i;
                 const float *before = hiddens + (r * (steps + 1) + t) * H;
-                float *own = d + i * 4 * H;
-                chain(H, gates + (r * steps + t) * 4 * H, before, dh + i * HH, own);
-                memcpy(sums + (r * (steps + 1) + t) * 4 * H, own, 4 * H * sizeof(float));
-                for (long j = 0; j < D; j++) ds[i * DD + j] *= keep;
+                float *row_d = d + i * 4 * H;
+                chain(H, gates + (r * steps + t) * 4 * H, before, grad_h + i * HH, row_d);
+                memcpy(sums + (r * (steps + 1) + t) * 4 * H, row_d, 4 * H * sizeof(float));
+                for (long j = 0; j < D; j++) grad_s[i * DD + j] *= residual;
             }
-            product(rows, 3 * H, HH, d, 4 * H, back, dh, HH);
-            if (D) product(rows, 3 * H, DD, d + H, 4 * H, feed_back, ds, DD);
+            product(rows, 3 * H, HH, d, 4 * H, hh_back, grad_h, HH);
+            if (D) product(rows, 3 * H, DD, d + H, 4 * H, ih_back, grad_s, DD);
         }
         for (long i = 0; i < rows; i++) {
             const long r = m * batch + row + i;
-            memcpy(of_hidden + r * H, dh + i * HH, H * sizeof(float));
-            memcpy(of_state + r * D, ds + i * DD, D * sizeof(float));
+            memcpy(grad_hidden + r * H, grad_h + i * HH, H * sizeof(float));
+            memcpy(grad_state + r * D, grad_s + i * DD, D * sizeof(float));
         }
     }
-    float *all[] = {back, feed_back, out_back, weight_t, d, dh, ds};
+    float *all[] = {hh_back, ih_back, ho_back, hh_transposed, d, grad_h, grad_s};
     for (unsigned i = 0; i < sizeof all / sizeof *all; i++) free(all[i]);
 }

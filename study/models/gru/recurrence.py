@@ -1,8 +1,8 @@
-"""A gated recurrent unit that feeds its own output back, over a whole sequence at once.
+"""A gated recurrent unit whose output state is fed back, over a whole sequence at once.
 
-On a CPU a network of this size spends its time not on arithmetic but on the bookkeeping of
-thousands of small operations. So there the sequence is gone through in C (`recurrence.c`), forwards
-and backwards; on a GPU, or without a C compiler, by `plain`, which is also how it is meant.
+On a CPU a loop over `torch.nn.GRUCell` spends its time on the overhead of thousands of small
+operations. So there the whole sequence runs in C (`recurrence.c`), forwards and backwards. On a
+GPU, or without a C compiler, `torch_gru` computes the same; it is also the reference of the tests.
 """
 
 from typing import Any
@@ -10,176 +10,186 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from study.models.gru import native
+from study.models.gru import kernel
 
 
 def feedback_gru(
     inputs: Tensor,
-    drift: Tensor,
+    offset: Tensor,
     hidden: Tensor,
     state: Tensor,
-    enter: Tensor,
-    weight: Tensor,
+    weight_ih: Tensor,
+    weight_hh: Tensor,
     bias: Tensor,
-    out: Tensor,
-    keep: float,
-    spread: Tensor | None = None,
+    weight_ho: Tensor,
+    residual: float,
+    log_std_weight: Tensor | None = None,
     noise: Tensor | None = None,
-    hiddens: bool = False,
+    return_hiddens: bool = False,
 ) -> tuple[Tensor, Tensor]:
-    """h_1 … h_T and s_1 … s_T of a GRU whose output state is fed back.
+    """h_{1:T} and s_{1:T} of a GRU whose output state is fed back.
 
-        x = [i_t, s_t] enter + bias_0,   g = h_t weight + bias_1
+        x = [i_t, s_t] W_ih + b_ih,   g = h_t W_hh + b_hh
         r, u = σ(x + g),   n = tanh(x + r · g),   h_{t+1} = (1 − u) n + u h_t
-        s_{t+1} = keep · s_t + h_{t+1} out + drift_t + exp(w_{t+1}) · noise_t
-        w_{t+1} = tanh([h_{t+1}, 1] spread)
+        s_{t+1} = residual · s_t + h_{t+1} W_ho + offset_t + exp(w_{t+1}) · noise_t
+        w_{t+1} = tanh([h_{t+1}, 1] W_std)
 
     (The GRU of Cho et al. 2014, in the form of `torch.nn.GRU`; r, u and n have a third each of
-    the 3H components.) Leading axes `...`, none or one, are independent networks, side by side.
+    the 3H components.) Leading axes `...`, none or one, are those of independent networks.
 
     Args:
-        inputs: i, what drives the unit, [..., B, T, C].
-        drift: what is added to the state, [..., B, T, D].
+        inputs: i_{0:T-1} [..., B, T, C].
+        offset: [..., B, T, D].
         hidden: h_0 [..., B, H].
         state: s_0 [..., B, D].
-        enter: [..., C + D, 3H].
-        weight: [..., H, 3H].
-        bias: [..., 2, 3H].
-        out: [..., H, D].
-        keep: 1 where the unit gives the state's change, 0 where it gives the state.
-        spread: of the noise, [..., H + 1, D]; it and `noise` only where no derivative is wanted.
+        weight_ih: W_ih [..., C + D, 3H], rows of the inputs, then of the state.
+        weight_hh: W_hh [..., H, 3H].
+        bias: b_ih and b_hh [..., 2, 3H].
+        weight_ho: W_ho [..., H, D].
+        residual: 1 where the unit outputs the state's change, 0 where it outputs the state.
+        log_std_weight: W_std [..., H + 1, D], the bias in the last row. It goes with `noise`;
+            neither is differentiable.
         noise: [..., B, T, D].
-        hiddens: whether h is wanted; else it may be empty.
+        return_hiddens: whether h is needed; without it h may be empty.
 
     Returns:
-        h [..., B, T, H] and s [..., B, T, D].
+        h_{1:T} [..., B, T, H] and s_{1:T} [..., B, T, D].
     """
-    given = (inputs, drift, hidden, state, enter, weight, bias, out, keep, spread, noise)
-    return _either(given, hiddens)
+    arguments = (inputs, offset, hidden, state, weight_ih, weight_hh, bias, weight_ho, residual)
+    return _dispatch((*arguments, log_std_weight, noise), return_hiddens)
 
 
-def gru(inputs: Tensor, hidden: Tensor, enter: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """h_1 … h_T [..., B, T, H] of the same unit without a state: see `feedback_gru`."""
-    drift, state, out = (each[..., :0] for each in (inputs, hidden, weight))
-    given = (inputs, drift, hidden, state, enter, weight, bias, out, 0.0, None, None)
-    return _either(given, True)[0]
+def gru(
+    inputs: Tensor, hidden: Tensor, weight_ih: Tensor, weight_hh: Tensor, bias: Tensor
+) -> Tensor:
+    """h_{1:T} [..., B, T, H] of the same unit without an output state: see `feedback_gru`."""
+    offset, state, weight_ho = (values[..., :0] for values in (inputs, hidden, weight_hh))
+    arguments = (inputs, offset, hidden, state, weight_ih, weight_hh, bias, weight_ho, 0.0)
+    return _dispatch((*arguments, None, None), True)[0]
 
 
-def _either(given: tuple[Any, ...], wanted: bool) -> tuple[Tensor, Tensor]:
-    """Hidden states and states, compiled or not; compiled, only what the caller needs."""
-    tensors = [each for each in given if isinstance(each, Tensor)]
-    alike = all(each.device.type == "cpu" and each.dtype == torch.float32 for each in tensors)
-    if alike and native.library() is not None:
-        # Inside, autograd says of each argument whether it has a derivative, but not whether
-        # one is wanted: without, what it takes is neither computed nor kept.
-        hiddens, states = _Compiled.apply(*given, wanted, torch.is_grad_enabled())
+def _dispatch(arguments: tuple[Any, ...], return_hiddens: bool) -> tuple[Tensor, Tensor]:
+    """The compiled kernel for float32 on a CPU, where it exists; else `torch_gru`."""
+    tensors = [argument for argument in arguments if isinstance(argument, Tensor)]
+    supported = all(t.device.type == "cpu" and t.dtype == torch.float32 for t in tensors)
+    if supported and kernel.library() is not None:
+        # Inside the function autograd does not say whether gradients are enabled. Without
+        # gradients the function neither computes nor keeps what the backward pass needs.
+        hiddens, states = _Compiled.apply(*arguments, return_hiddens, torch.is_grad_enabled())
         return hiddens, states
-    return plain(*given)
+    return torch_gru(*arguments)
 
 
-def plain(
+def torch_gru(
     inputs: Tensor,
-    drift: Tensor,
+    offset: Tensor,
     hidden: Tensor,
     state: Tensor,
-    enter: Tensor,
-    weight: Tensor,
+    weight_ih: Tensor,
+    weight_hh: Tensor,
     bias: Tensor,
-    out: Tensor,
-    keep: float,
-    spread: Tensor | None = None,
+    weight_ho: Tensor,
+    residual: float,
+    log_std_weight: Tensor | None = None,
     noise: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """`feedback_gru`, step by step in torch, which derives it as well."""
-    driving, feeding = enter.split([inputs.shape[-1], state.shape[-1]], dim=-2)
-    from_inputs, from_hidden = bias.split(1, dim=-2)
-    # For all steps at once, and the sequence taken apart once: an index into it at every step
-    # would cost the derivative a copy of the whole each time.
-    driven = inputs @ driving.unsqueeze(-3) + from_inputs.unsqueeze(-3)
-    draws = [None] * drift.shape[-2] if noise is None else noise.unbind(-2)
+    """`feedback_gru` step by step in torch."""
+    input_weight, state_weight = weight_ih.split([inputs.shape[-1], state.shape[-1]], dim=-2)
+    bias_ih, bias_hh = bias.split(1, dim=-2)
+    # The inputs' part is computed for all steps at once, and sequences are taken apart once: the
+    # gradient of an index at every step would copy the whole sequence each time.
+    from_inputs = inputs @ input_weight.unsqueeze(-3) + bias_ih.unsqueeze(-3)
+    noises = [None] * offset.shape[-2] if noise is None else noise.unbind(-2)
+    steps = zip(from_inputs.unbind(-2), offset.unbind(-2), noises, strict=True)
     hiddens, states = [], []
-    for entering, drifting, drawn in zip(driven.unbind(-2), drift.unbind(-2), draws, strict=True):
-        x = entering + state @ feeding
-        g = hidden @ weight + from_hidden
+    for x_inputs, offset_t, noise_t in steps:
+        x = x_inputs + state @ state_weight
+        g = hidden @ weight_hh + bias_hh
         (x_r, x_u, x_n), (g_r, g_u, g_n) = x.chunk(3, dim=-1), g.chunk(3, dim=-1)
-        reset, update = torch.sigmoid(x_r + g_r), torch.sigmoid(x_u + g_u)
-        hidden = torch.lerp(torch.tanh(x_n + reset * g_n), hidden, update)
-        state = keep * state + hidden @ out + drifting
-        if drawn is not None:
-            assert spread is not None
-            width = hidden @ spread[..., :-1, :] + spread[..., -1:, :]
-            state = state + torch.exp(torch.tanh(width)) * drawn
+        r, u = torch.sigmoid(x_r + g_r), torch.sigmoid(x_u + g_u)
+        hidden = torch.lerp(torch.tanh(x_n + r * g_n), hidden, u)  # (1 − u) n + u h
+        state = residual * state + hidden @ weight_ho + offset_t
+        if noise_t is not None:
+            assert log_std_weight is not None
+            w = hidden @ log_std_weight[..., :-1, :] + log_std_weight[..., -1:, :]
+            state = state + torch.exp(torch.tanh(w)) * noise_t
         hiddens.append(hidden)
         states.append(state)
     return torch.stack(hiddens, dim=-2), torch.stack(states, dim=-2)
 
 
 class _Compiled(torch.autograd.Function):
-    """`feedback_gru` in C; only the weights' derivatives, sums over all steps, are torch's."""
+    """`feedback_gru` in C.
+
+    The gradients of the weights are sums over all steps and rows: matrix products of torch.
+    """
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
-        *given, keep, spread, noise, wanted, derive = arguments
-        library = native.library()
+        *arrays, residual, log_std_weight, noise, return_hiddens, grad_enabled = arguments
+        library = kernel.library()
         assert library is not None
-        tensors = tuple(tensor.contiguous() for tensor in given)
-        added = tuple(None if each is None else each.contiguous() for each in (spread, noise))
-        inputs, drift, hidden, _, enter, weight, _, out = tensors
-        *_, batch, steps, width = inputs.shape
-        *members, _, size = hidden.shape
-        sizes = (batch, steps, width, drift.shape[-1], size)
+        tensors = tuple(array.contiguous() for array in arrays)
+        noises = tuple(None if x is None else x.contiguous() for x in (log_std_weight, noise))
+        inputs, offset, hidden, _, weight_ih, weight_hh, _, weight_ho = tensors
+        *_, batch, steps, input_size = inputs.shape
+        *members, _, hidden_size = hidden.shape
+        sizes = (batch, steps, input_size, offset.shape[-1], hidden_size)
         ctx.count = members[0] if members else 1
         rows = (*members, batch, steps + 1)
-        states = inputs.new_empty(*rows, drift.shape[-1])
-        hiddens = seen = gates = None
-        derive = derive and any(ctx.needs_input_grad)
-        assert noise is None or not derive, "noise has no derivative here"
-        if derive or wanted:
-            hiddens = inputs.new_empty(*rows, size)
-        if derive:
-            seen = inputs.new_empty(*rows, enter.shape[-2] + 1)
-            gates = inputs.new_empty(*members, batch, steps, 4 * size)
-            ctx.save_for_backward(enter, weight, out, hiddens, gates, seen)
-        arrays = (*tensors, *added, hiddens, states, seen, gates)
-        native.call(library.forward, ctx.count, sizes, keep, arrays)
-        ctx.sizes, ctx.keep = sizes, keep
+        states = inputs.new_empty(*rows, offset.shape[-1])
+        hiddens = gate_inputs = gates = None
+        needs_gradient = grad_enabled and any(ctx.needs_input_grad)
+        assert noise is None or not needs_gradient, "noise is not differentiable"
+        if needs_gradient or return_hiddens:
+            hiddens = inputs.new_empty(*rows, hidden_size)
+        if needs_gradient:
+            gate_inputs = inputs.new_empty(*rows, weight_ih.shape[-2] + 1)
+            gates = inputs.new_empty(*members, batch, steps, 4 * hidden_size)
+            ctx.save_for_backward(weight_ih, weight_hh, weight_ho, hiddens, gates, gate_inputs)
+        results = (hiddens, states, gate_inputs, gates)
+        kernel.call(library.forward, ctx.count, sizes, residual, (*tensors, *noises, *results))
+        ctx.sizes, ctx.residual = sizes, residual
         ctx.set_materialize_grads(False)
-        nothing = states[..., :0]
-        return (nothing if hiddens is None else hiddens)[..., 1:, :], states[..., 1:, :]
+        empty = states[..., :0]
+        return (empty if hiddens is None else hiddens)[..., 1:, :], states[..., 1:, :]
 
     @staticmethod
-    def backward(ctx: Any, *given: Tensor | None) -> tuple[Tensor | None, ...]:
-        enter, weight, out, hiddens, gates, seen = ctx.saved_tensors
-        batch, steps, width, _, size = ctx.sizes
-        of_hiddens, of_states = (None if x is None else x.contiguous() for x in given)
-        library = native.library()
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        weight_ih, weight_hh, weight_ho, hiddens, gates, gate_inputs = ctx.saved_tensors
+        batch, steps, input_size, _, size = ctx.sizes
+        grad_hiddens, grad_states = (None if x is None else x.contiguous() for x in gradients)
+        library = kernel.library()
         assert library is not None
         rows = hiddens.shape[:-1]
-        sums = hiddens.new_empty(*rows, 4 * size)  # by g_n, r, u and x_n
-        of_drift = hiddens.new_empty(*rows, out.shape[-1])
-        of_hidden = torch.empty_like(hiddens[..., 0, :])
-        of_state = torch.empty_like(of_drift[..., 0, :])
-        arrays = (enter, weight, out, hiddens, gates, of_hiddens, of_states)
-        results = (sums, of_drift, of_hidden, of_state)
-        native.call(library.backward, ctx.count, ctx.sizes, ctx.keep, arrays + results)
-        # All steps of all trajectories in a row: h_t beside the derivatives by step t's sums.
-        h, d, by_out, x = (each.flatten(-3, -2) for each in (hiddens, sums, of_drift, seen))
-        of_weight = torch.roll(h.mT @ d[..., : 3 * size], -size, dims=-1)
-        of_enter = x.mT @ d
-        g_n, r, u, x_n = of_enter[..., -1, :].chunk(4, dim=-1)
-        of_bias = torch.stack([torch.cat([r, u, x_n], -1), torch.cat([r, u, g_n], -1)], dim=-2)
-        of_inputs = None
+        sums = hiddens.new_empty(*rows, 4 * size)  # gradients of the sums g_n, r, u and x_n
+        grad_offset = hiddens.new_empty(*rows, weight_ho.shape[-1])
+        grad_hidden = torch.empty_like(hiddens[..., 0, :])
+        grad_state = torch.empty_like(grad_offset[..., 0, :])
+        arrays = (weight_ih, weight_hh, weight_ho, hiddens, gates, grad_hiddens, grad_states)
+        results = (sums, grad_offset, grad_hidden, grad_state)
+        kernel.call(library.backward, ctx.count, ctx.sizes, ctx.residual, arrays + results)
+        # All steps of all trajectories in one axis: row t of h with the gradients of step t.
+        h, d, d_out, x = (
+            values.flatten(-3, -2) for values in (hiddens, sums, grad_offset, gate_inputs)
+        )
+        grad_hh = torch.roll(h.mT @ d[..., : 3 * size], -size, dims=-1)
+        grad_ih = x.mT @ d
+        g_n, r, u, x_n = grad_ih[..., -1, :].chunk(4, dim=-1)
+        grad_bias = torch.stack([torch.cat([r, u, x_n], -1), torch.cat([r, u, g_n], -1)], dim=-2)
+        grad_inputs = None
         if ctx.needs_input_grad[0]:
-            driving = enter[..., :width, :].mT
-            of_inputs = (d[..., size:] @ driving).unflatten(-2, (batch, steps + 1))[..., :-1, :]
+            transposed = weight_ih[..., :input_size, :].mT
+            of_rows = (d[..., size:] @ transposed).unflatten(-2, (batch, steps + 1))
+            grad_inputs = of_rows[..., :-1, :]
         return (
-            of_inputs,
-            of_drift[..., :-1, :],
-            of_hidden,
-            of_state,
-            of_enter[..., :-1, size:],
-            of_weight,
-            of_bias,
-            (by_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the other way round is slower
+            grad_inputs,
+            grad_offset[..., :-1, :],
+            grad_hidden,
+            grad_state,
+            grad_ih[..., :-1, size:],
+            grad_hh,
+            grad_bias,
+            (d_out[..., :-1, :].mT @ h[..., 1:, :]).mT,  # the transposed product is slower
             *(None,) * 5,
         )

@@ -1,6 +1,4 @@
-"""The recurrent decoder of Figure 2 (right), which the VAEs share."""
-
-from typing import Any
+"""The recurrent decoder of Figure 2 (right), which both VAEs use."""
 
 import torch
 from torch import Tensor, nn
@@ -8,21 +6,35 @@ from torch import Tensor, nn
 from study.models.gru.recurrence import feedback_gru, gru
 
 
-class RecurrentDecoder(nn.Module):
-    """x̂_{t+1} from ŝ_{0:t}, the conditions and the latent variables up to t, and ŝ = x̂ + b.
+class GaussianDecoder(nn.Module):
+    """p_θ(s_{t+1} | ŝ_{0:t}; c_{0:t}; z_{0:t}) = N(ŝ_{t+1}, σ² exp(2 w_{t+1})).
 
-    It generates a *target* x_{1:T} that is added to a *baseline* b_{1:T}. Nothing at step t depends
-    on a later state, condition or latent variable.
+    The decoder generates a *target* x̂, which is added to a *baseline* b:
+
+        h_0 = tanh([s_0, c_0] W_0 + b_0)
+        h_{t+1} = GRU([c_t, z_t, ŝ_t], h_t)
+        ŝ_{t+1} = b_{t+1} + u · (h_{t+1} W_o + b_o)                     target is the state
+        ŝ_{t+1} = b_{t+1} + (ŝ_t − b_t) + u · (h_{t+1} W_o + b_o)       target is its change
+        w_{t+1} = tanh(h_{t+1} W_w + b_w)
+
+    σ² has one value for each dimension: the mean squared error of training, where w = 0. w makes
+    the variance heteroscedastic: wind makes a flight less certain, and a ball at rest stays where
+    it is. w is bounded, so that noise that is fed back cannot increase without limit.
+
+    The decoder is causal: nothing at step t depends on a later state, condition or latent variable.
 
     Args:
-        output_scale: unit of the decoder's output in each dimension, [D].
-        condition_size: C, what is known at every step beside the state.
+        output_scale: u, the unit of the output in each dimension, [D].
+        condition_size: C.
         hidden_size: H.
         latent_size: Z.
-        increments: the output is x_{t+1} − x_t instead of x_{t+1}.
+        delta_target: the output is x_{t+1} − x_t instead of x_{t+1}.
+        homoscedastic: w = 0 always.
     """
 
     output_scale: Tensor
+    variance: Tensor
+    """σ² [D], a running mean over batches: see `update_variance`."""
 
     def __init__(
         self,
@@ -30,17 +42,24 @@ class RecurrentDecoder(nn.Module):
         condition_size: int,
         hidden_size: int,
         latent_size: int,
-        increments: bool = False,
+        delta_target: bool = False,
+        homoscedastic: bool = False,
     ) -> None:
         super().__init__()
         state_size = len(output_scale)
-        self.increments = increments
+        self.delta_target = delta_target
         self.register_buffer("output_scale", output_scale.clone())
-        self.start = nn.Sequential(nn.Linear(state_size + condition_size, hidden_size), nn.Tanh())
-        self.driven = nn.Linear(condition_size + latent_size, 3 * hidden_size)
-        self.feed = nn.Linear(state_size, 3 * hidden_size, bias=False)
-        self.recurrent = nn.Linear(hidden_size, 3 * hidden_size)
-        self.out = nn.Linear(hidden_size, state_size)
+        self.register_buffer("variance", torch.ones_like(output_scale))
+        initial = nn.Linear(state_size + condition_size, hidden_size)
+        self.initial_hidden = nn.Sequential(initial, nn.Tanh())
+        self.gates_of_input = nn.Linear(condition_size + latent_size, 3 * hidden_size)
+        self.gates_of_state = nn.Linear(state_size, 3 * hidden_size, bias=False)
+        self.gates_of_hidden = nn.Linear(hidden_size, 3 * hidden_size)
+        self.output = nn.Linear(hidden_size, state_size)
+        self.log_std = nn.Linear(hidden_size, state_size)
+        nn.init.zeros_(self.log_std.weight)
+        nn.init.zeros_(self.log_std.bias)
+        self.log_std.requires_grad_(not homoscedastic)
 
     def forward(
         self,
@@ -49,41 +68,65 @@ class RecurrentDecoder(nn.Module):
         condition: Tensor,
         latent: Tensor,
         truth: Tensor | None = None,
-    ) -> Tensor:
-        """ŝ_{1:T} [B, T, D].
-
-        The state history is the decoder's own predictions, or with `truth` the observed states.
+    ) -> tuple[Tensor, Tensor]:
+        """The means ŝ_{1:T} and the log standard deviations w_{1:T}, relative to σ: [B, T, D] each.
 
         Args:
             s0: [B, D].
             baseline: b_{0:T} [B, T+1, D].
-            condition: [B, T, C].
+            condition: c_{0:T-1} [B, T, C].
             latent: z_{0:T-1} [B, T, Z].
-            truth: s_{0:T-1} [B, T, D]: teacher forcing.
+            truth: s_{0:T-1} [B, T, D]. With it the state history is the true states (teacher
+                forcing), without it the decoder's own means.
         """
-        return self.unroll(s0, baseline, condition, latent, truth)[1]
+        hiddens, mean = self._unroll(s0, baseline, condition, latent, truth)
+        return mean, torch.tanh(self.log_std(hiddens))
 
-    def unroll(
+    @torch.no_grad()
+    def sample(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, normal: Tensor
+    ) -> Tensor:
+        """s_{1:T} [B, T, D]: each state is sampled from p_θ and fed back.
+
+        Args:
+            s0, baseline, condition, latent: see `forward`.
+            normal: standard normal numbers [B, T, D].
+        """
+        noise = normal * self.variance.sqrt()
+        return self._unroll(s0, baseline, condition, latent, noise=noise)[1]
+
+    def update_variance(self, variance: Tensor, rate: float) -> None:
+        """Move the running mean σ² towards a batch's σ² [D] by the fraction `rate`.
+
+        The loss uses the best σ² for each batch; forecasts need that of all data.
+        """
+        self.variance.lerp_(variance, rate)
+
+    def _unroll(
         self,
         s0: Tensor,
         baseline: Tensor,
         condition: Tensor,
         latent: Tensor,
         truth: Tensor | None = None,
-        **noise: Any,
+        noise: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Hidden states and ŝ_{1:T}; free running takes noise and `hiddens` of `feedback_gru`."""
-        hidden = self.start(torch.cat([s0, condition[:, 0]], -1))
+        """Hidden states h_{1:T} and states s_{1:T}; with noise, h may be empty."""
+        hidden = self.initial_hidden(torch.cat([s0, condition[:, 0]], -1))
         inputs = torch.cat([condition, latent], -1)
-        enter = torch.cat([self.driven.weight, self.feed.weight], -1).T
-        weight, bias = self.recurrent.weight.T, torch.stack([self.driven.bias, self.recurrent.bias])
-        out, offset = self.out.weight.T * self.output_scale, self.out.bias * self.output_scale
-        # ŝ_{t+1} = x̂_{t+1} + b_{t+1}, and the state ŝ_t itself holds x̂_t + b_t.
-        drift = baseline[:, 1:] - baseline[:, :-1] if self.increments else baseline[:, 1:]
-        keep = float(self.increments)
-        drift = drift + offset
-        if truth is None:
-            sequence = (inputs, drift, hidden, s0, enter, weight, bias, out, keep)
-            return feedback_gru(*sequence, **noise)
-        hiddens = gru(torch.cat([inputs, truth], -1), hidden, enter, weight, bias)
-        return hiddens, keep * truth + hiddens @ out + drift
+        weight_ih = torch.cat([self.gates_of_input.weight, self.gates_of_state.weight], -1).T
+        weight_hh = self.gates_of_hidden.weight.T
+        bias = torch.stack([self.gates_of_input.bias, self.gates_of_hidden.bias])
+        weight_ho = self.output.weight.T * self.output_scale
+        residual = float(self.delta_target)
+        # ŝ_t holds x̂_t + b_t: a change of x̂ comes with the change of b.
+        offset = baseline[:, 1:] - baseline[:, :-1] if self.delta_target else baseline[:, 1:]
+        offset = offset + self.output.bias * self.output_scale
+        if truth is not None:
+            hiddens = gru(torch.cat([inputs, truth], -1), hidden, weight_ih, weight_hh, bias)
+            return hiddens, residual * truth + hiddens @ weight_ho + offset
+        arguments = (inputs, offset, hidden, s0, weight_ih, weight_hh, bias, weight_ho, residual)
+        if noise is None:
+            return feedback_gru(*arguments, return_hiddens=True)
+        log_std_weight = torch.cat([self.log_std.weight.T, self.log_std.bias[None]])
+        return feedback_gru(*arguments, log_std_weight, noise)

@@ -1,24 +1,38 @@
-"""The Gaussian likelihoods that the models are fitted by."""
+"""The Gaussian negative log-likelihoods that the models minimise."""
 
 import math
 
 import torch
 from torch import Tensor
 
-# In the logarithmic score a transition counts by its standard deviation to this power.
-BY_WIDTH = 0.75
-# Squared error below which a dimension counts as learned: keeps the logarithm finite.
-_LEAST = 1e-10
+STD_POWER = 0.75
+"""Exponent of the standard deviation in the weights of `weighted_log_score`."""
+
+MIN_VARIANCE = 1e-10
+"""Smallest variance of an error: keeps the logarithm finite."""
 
 
-def negative_log_likelihood(squared_error: Tensor) -> Tensor:
-    """−log N(s; ŝ, σ²) of one dimension, averaged over a batch, at the σ that fits it best.
+def gaussian_nll(standardized_square: Tensor, log_variance: Tensor) -> Tensor:
+    """−log N(e; 0, σ²) = ½ (e² / σ² + log σ² + log 2π), elementwise.
+
+    Args:
+        standardized_square: e² / σ² [...].
+        log_variance: log σ² [...].
+
+    Returns:
+        [...]
+    """
+    return 0.5 * (standardized_square + log_variance + math.log(2 * math.pi))
+
+
+def optimal_variance_nll(squared_error: Tensor) -> Tensor:
+    """−log N(s; ŝ, σ²) averaged over a batch, at the σ² that minimises it: E(s − ŝ)².
 
         min_σ ½ E(s − ŝ)² / σ² + log σ + ½ log 2π = ½ (log E(s − ŝ)² + 1 + log 2π)
 
-    (Rybkin, Daniilidis and Levine, ICML 2021: the optimal σ-VAE). Of a logarithm the derivative is
-    relative, so dimensions whose noise differs by orders of magnitude weigh alike from the first
-    step on, where a learned σ would have to get there first.
+    (Rybkin, Daniilidis and Levine, ICML 2021: the optimal σ-VAE.) The gradient of a logarithm is
+    relative. So dimensions whose noise differs by orders of magnitude have equal weight from the
+    first step on, while a learned σ would first have to find these orders of magnitude.
 
     Args:
         squared_error: E(s − ŝ)², the mean over the batch, [...].
@@ -26,56 +40,59 @@ def negative_log_likelihood(squared_error: Tensor) -> Tensor:
     Returns:
         [...]
     """
-    return 0.5 * (squared_error.clamp(min=_LEAST).log() + 1 + math.log(2 * math.pi))
+    log_variance = squared_error.clamp(min=MIN_VARIANCE).log()
+    return gaussian_nll(torch.ones_like(log_variance), log_variance)
 
 
-def weighted_negative_log_likelihood(error: Tensor, log_width: Tensor) -> tuple[Tensor, Tensor]:
-    """The same with a width that varies, weighted so that wide steps are learned as well.
+def heteroscedastic_nll(error: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]:
+    """The β-NLL of errors with standard deviation σ e^w, at the best σ of the batch.
 
         E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w,   σ² = E[(s − ŝ)² / e^2w]
 
-    where no derivative goes through the weights or σ. (Seitzer et al., ICLR 2022: the β-NLL, with
-    its β, which is not that of equation 12, at ½. Without weights a step whose error was first
-    taken for noise hardly counts, and is never learned.) With w = 0 it is
-    `negative_log_likelihood`, and so is its derivative by the error.
+    where weights and σ have no gradient. (Seitzer et al., ICLR 2022. Their β, which is not that of
+    equation (12), is ½. Without the weights, a step whose error is first explained as noise has
+    little weight and is never learned.) With w = 0 the value and its gradient by the error are
+    those of `optimal_variance_nll`.
 
     Args:
         error: s − ŝ [B, T, D].
-        log_width: w [B, T, D].
+        log_std: w [B, T, D].
 
     Returns:
-        for each dimension the likelihood and σ², [D] each.
+        the loss and σ² of each dimension, [D] each.
     """
-    squares = (error * torch.exp(-log_width)).square()
-    variance = squares.detach().mean((0, 1)).clamp(min=_LEAST)
-    each = 0.5 * (squares / variance + variance.log() + math.log(2 * math.pi)) + log_width
-    return (by_width(log_width) * each).mean((0, 1)), variance
+    squares = (error * torch.exp(-log_std)).square()
+    variance = squares.detach().mean((0, 1)).clamp(min=MIN_VARIANCE)
+    nll = gaussian_nll(squares / variance, variance.log()) + log_std
+    return (beta_nll_weights(log_std) * nll).mean((0, 1)), variance
 
 
-def logarithmic_score(error: Tensor, variance: Tensor) -> Tensor:
-    """−log N(error; 0, variance) of each dimension, weighted, averaged over all.
+def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
+    """−log N(error; 0, σ²) without its constant, weighted, averaged over batch and dimensions.
 
-        E_d E[w (½ e² / σ² + log σ)],   w = σ^0.75 / E σ^0.75 without a derivative
+        E_d E[v (½ e² / σ² + log σ)],   v = σ^0.75 / E σ^0.75
 
-    The weights (Seitzer et al., ICLR 2022) let transitions whose error is large, and was first
-    taken for noise, be learned all the same. So does the logarithm of the mean's squared error,
-    beside which this stands: to it nothing is noise.
+    where v has no gradient. With these weights (Seitzer et al., ICLR 2022) a transition is learned
+    even if its error is large and was first explained as noise.
 
     Args:
-        error: [B, D].
+        error: e [B, D].
         variance: σ² [B, D].
+
+    Returns:
+        a scalar.
     """
-    deviation = variance.sqrt()
-    weight = relative(deviation**BY_WIDTH)
-    return (weight * (0.5 * error.square() / variance + deviation.log())).mean()
+    std = variance.sqrt()
+    weight = normalized_weights(std**STD_POWER)
+    return (weight * (0.5 * error.square() / variance + std.log())).mean()
 
 
-def by_width(log_width: Tensor) -> Tensor:
-    """Weights e^w / E e^w in each dimension, [B, T, D] from w [B, T, D], without a derivative."""
-    return relative(torch.exp(log_width))
+def beta_nll_weights(log_std: Tensor) -> Tensor:
+    """e^w / E e^w in each dimension, without gradient: [..., D] from w [..., D]."""
+    return normalized_weights(torch.exp(log_std))
 
 
-def relative(weight: Tensor) -> Tensor:
-    """Weights [..., D] over their mean in each dimension, without a derivative."""
-    weight = weight.detach()
-    return weight / weight.mean(tuple(range(weight.dim() - 1)))
+def normalized_weights(weights: Tensor) -> Tensor:
+    """Weights [..., D] divided by their mean in each dimension, without gradient."""
+    weights = weights.detach()
+    return weights / weights.mean(tuple(range(weights.dim() - 1)))

@@ -1,58 +1,62 @@
-"""The decoder of the CRPS generators: the next state from this one, by a feedforward network."""
+"""The feedforward decoder of the CRPS models: the next state from the current one."""
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import linear as linear_map
-from torch.nn.functional import pad, silu
+from torch.nn.functional import linear, pad, silu
 
 from study.data.normalization import Normalization
-from study.models.rnn_ensemble import StackedLinear
+from study.models.networks.linear import StackedLinear
 
-# On the first layer's initial weights. What matters may be narrow beside the range of the states:
-# a peg touches a ball only within some hundredths of it. A smooth beginning takes long to see that.
-SHARPNESS = 3.0
+INPUT_GAIN = 3.0
+"""Factor on the initial weights of the first layer. A peg touches a ball within hundredths of the
+range of the states, and a network that is smooth at first takes long to learn this."""
+
 LAYERS = 2
-# Of the range of the training states; so far beyond it a forecast may go.
-MARGIN = 0.02
-# Of the derivative by a state, what goes on to the state before it. All of it would be dominated by
-# the few forecasts whose contacts have multiplied it many times; so credit ends after some steps.
-CREDIT = 0.8
-# Rows that are forecast at once: what drives the first layer is held for all of their steps.
-ROWS = 1024
+"""Residual layers."""
+
+RANGE_MARGIN = 0.02
+"""Fraction of the range of the training states by which a forecast may exceed that range."""
+
+GRADIENT_DECAY = 0.8
+"""Factor on the gradient of a state, at every step back. The full gradient would be dominated by
+the few forecasts whose contacts have multiplied it many times."""
+
+MAX_ROWS = 1024
+"""Trajectories that are forecast together: bounds the memory."""
 
 
 class TransitionDecoder(nn.Module):
-    """ŝ_{t+1} from ŝ_t, the start, the conditions, the baseline's change and the noise at t alone.
+    """ŝ_{t+1} from ŝ_t, s_0, the condition, the baseline's change and the noise of step t.
 
-    It adds to a *baseline* b_{1:T} as `RecurrentDecoder` does: what it gives is the change of
-    ε = s − b.
+    The decoder adds to a *baseline* b, as `GaussianDecoder` does. Its output is the change of
+    ε = s − b, in units of δ, the standard deviation of a state's change over one step:
 
-        [l, u, v] = [ŝ_t, headings, (b_{t+1} − b_t) / scale, condition_t, ζ, s_0] W + w
+        [l, u, v] = [f(ŝ_t), (b_{t+1} − b_t) / δ, c_t, ζ, s_0] W + w
         h_0 = u · silu(v),   h_i = h_{i−1} + silu(h_{i−1} W_i + w_i)
-        c_t = l + h_L O + z_t C + (h_L · z_t P) Q
-        ŝ_{t+1} = min(max(ŝ_t + scale · c_t + b_{t+1} − b_t, lowest), highest)
+        o_t = l + h_L O + z_t C + (h_L · z_t P) Q
+        ŝ_{t+1} = min(max(ŝ_t + δ · o_t + b_{t+1} − b_t, s_min), s_max)
 
-    - The product of two linear maps (Shazeer, arXiv:2002.05202) makes distances, and velocities of
-      points on turning bodies, from their coordinates in one layer.
-    - Noise z_t that is drawn at each step scales what the network knows, so a single step is normal
-      and its width depends on the state; noise ζ that lasts is one more thing to know.
-    - Something may return to where it began (a wind to its mean), so s_0 is seen throughout.
-    - Headings are the sines and cosines of the angles by which pairs of the state are turned
-      (`study.data.frames`), and of twice those: rates of such angles depend on the way one faces.
-    - States stay near the range of the training states: a flight that sinks ends on the ground,
-      and what is fed back cannot run away.
+    - The product of two linear maps (Shazeer, arXiv:2002.05202) gives squared distances, and
+      velocities of points on rotating bodies, in one layer.
+    - The noise z_t of a step multiplies hidden units. So one step is Gaussian, with a variance that
+      depends on the state. The persistent noise ζ is an input like the condition.
+    - s_0 is an input, since a variable may return to its initial value (a wind to its mean).
+    - The features f(ŝ) are ŝ and, for each angle ψ of `study.data.frames`, sin ψ, cos ψ, sin 2ψ and
+      cos 2ψ: the rates of such an angle depend on the heading.
+    - States stay within the range of the training states and a margin. A flight that sinks ends on
+      the ground, and a fed back state cannot diverge.
 
     Args:
-        normalization: standard units.
-        condition_size: C, what is known at every step beside the state.
+        normalization: δ and the angles.
+        condition_size: C.
         hidden_size: H.
-        noise_size: Z, of which the first `lasting` are ζ.
-        lasting: size of ζ, which does nothing to begin with.
+        noise_size: Z, the size of [ζ, z_t].
+        persistent_size: the size of ζ, which has no effect before training.
     """
 
     delta_std: Tensor
-    lowest: Tensor
-    highest: Tensor
+    min_state: Tensor
+    max_state: Tensor
     angles: Tensor
     angle_mean: Tensor
     angle_scale: Tensor
@@ -63,42 +67,42 @@ class TransitionDecoder(nn.Module):
         condition_size: int,
         hidden_size: int,
         noise_size: int,
-        lasting: int = 0,
+        persistent_size: int = 0,
     ) -> None:
         super().__init__()
-        self.size, self.lasting = len(normalization.delta_std), lasting
+        self.size, self.persistent_size = len(normalization.delta_std), persistent_size
         angles = torch.tensor(normalization.rotating_pairs)[:, 2].unique()
         self.register_buffer("angles", angles)
         self.register_buffer("angle_mean", torch.tensor(normalization.state_mean)[angles])
         self.register_buffer("angle_scale", torch.tensor(normalization.state_scale)[angles])
         self.register_buffer("delta_std", torch.tensor(normalization.delta_std))
-        self.register_buffer("lowest", torch.full_like(self.delta_std, -torch.inf))
-        self.register_buffer("highest", torch.full_like(self.delta_std, torch.inf))
-        self.seen_size = self.size + 4 * len(angles)
-        entering = self.seen_size + self.size + condition_size + lasting + self.size
-        drawn = noise_size - lasting
-        self.linear = nn.Linear(entering, self.size)
-        self.first = nn.Linear(entering, 2 * hidden_size)
-        self.layers = StackedLinear(LAYERS, hidden_size, hidden_size)  # one after the other
-        self.out = nn.Linear(2 * hidden_size, self.size, bias=False)
-        self.modulate = nn.Linear(drawn, hidden_size, bias=False)
-        self.shift = nn.Linear(drawn, self.size, bias=False)
+        self.register_buffer("min_state", torch.full_like(self.delta_std, -torch.inf))
+        self.register_buffer("max_state", torch.full_like(self.delta_std, torch.inf))
+        self.features_size = self.size + 4 * len(angles)
+        input_size = self.features_size + self.size + condition_size + persistent_size + self.size
+        step_noise_size = noise_size - persistent_size
+        self.skip = nn.Linear(input_size, self.size)  # l
+        self.gates = nn.Linear(input_size, 2 * hidden_size)  # u and v
+        self.layers = StackedLinear(LAYERS, hidden_size, hidden_size)  # W_i, in sequence
+        self.output = nn.Linear(2 * hidden_size, self.size, bias=False)  # O and Q
+        self.noise_gain = nn.Linear(step_noise_size, hidden_size, bias=False)  # P
+        self.noise_shift = nn.Linear(step_noise_size, self.size, bias=False)  # C
         with torch.no_grad():
-            self.linear.weight.zero_()
-            self.linear.bias.zero_()
-            self.first.weight.mul_(SHARPNESS)
-            self.first.bias.mul_(SHARPNESS)
-            self.first.weight[:, entering - lasting - self.size :] = 0
-            self.out.weight.mul_(0.3)
-            self.shift.weight.mul_(0.3)
+            self.skip.weight.zero_()
+            self.skip.bias.zero_()
+            self.gates.weight.mul_(INPUT_GAIN)
+            self.gates.bias.mul_(INPUT_GAIN)
+            self.gates.weight[:, input_size - persistent_size - self.size :] = 0
+            self.output.weight.mul_(0.3)
+            self.noise_shift.weight.mul_(0.3)
 
     @torch.no_grad()
-    def bound(self, states: Tensor) -> None:
-        """Keep forecasts within the range of `states` [..., D], and a little more."""
+    def set_range(self, states: Tensor) -> None:
+        """Keep forecasts within the range of `states` [..., D] and a margin."""
         lowest, highest = torch.aminmax(states.flatten(0, -2), dim=0)
-        margin = MARGIN * (highest - lowest)
-        self.lowest.copy_(lowest - margin)
-        self.highest.copy_(highest + margin)
+        margin = RANGE_MARGIN * (highest - lowest)
+        self.min_state.copy_(lowest - margin)
+        self.max_state.copy_(highest + margin)
 
     def forward(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
         """ŝ_{1:T} [B, T, D].
@@ -106,80 +110,82 @@ class TransitionDecoder(nn.Module):
         Args:
             s0: [B, D].
             baseline: b_{0:T} [B, T+1, D].
-            condition: [B, T, C].
-            noise: ζ and z_{0:T-1} [B, T, Z]; ζ is the same at every step.
+            condition: c_{0:T-1} [B, T, C].
+            noise: [ζ, z_{0:T-1}] [B, T, Z], with the same ζ at every step.
         """
-        given = (s0, baseline, condition, noise)
+        inputs = (s0, baseline, condition, noise)
         if torch.is_grad_enabled():
-            return self._forecast(*given)
-        blocks = zip(*(each.split(ROWS) for each in given), strict=True)
-        return torch.cat([self._forecast(*block) for block in blocks])
+            return self._unroll(*inputs)
+        blocks = zip(*(values.split(MAX_ROWS) for values in inputs), strict=True)
+        return torch.cat([self._unroll(*block) for block in blocks])
 
     def transition(
-        self, state: Tensor, drift: Tensor, condition: Tensor, start: Tensor
+        self, state: Tensor, baseline_change: Tensor, condition: Tensor, start: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """The normal distribution of c_t without lasting noise: its mean, and a factor.
+        """The Gaussian distribution of o_t without persistent noise.
 
-        s_0 is in l alone: u and v would take it for the trajectory's name, and learn the
-        trajectories by heart.
+        s_0 enters l alone. Through u and v it would identify the trajectory, and the training
+        trajectories would be memorised.
 
         Args:
             state: ŝ_t [B, D].
-            drift: b_{t+1} − b_t [B, D].
-            condition: [B, C].
-            start: s_0 of the trajectory [B, D].
+            baseline_change: b_{t+1} − b_t [B, D].
+            condition: c_t [B, C].
+            start: s_0 [B, D].
 
         Returns:
-            mean [B, D] and G [B, Z − lasting, D]: c_t = mean + z_t G, with covariance Gᵀ G.
+            the mean [B, D] and a factor G [B, Z − persistent_size, D] of the covariance Gᵀ G:
+            o_t = mean + z_t G.
         """
-        entering = torch.cat([self._seen(state), drift / self.delta_std, condition], -1)
-        known = entering.shape[-1]
-        from_state, from_start = self.linear.weight[:, :known], self.linear.weight[:, -self.size :]
-        linear = linear_map(entering, from_state, self.linear.bias) + start @ from_start.T
-        hidden = self._hidden(linear_map(entering, self.first.weight[:, :known], self.first.bias))
-        knows, spreads = self.out.weight.T.chunk(2)
-        # (h · P_z) Q of every z at once.
-        each = (self.modulate.weight[:, :, None] * spreads[:, None]).flatten(1)
-        factor = (hidden @ each).unflatten(1, (-1, self.size)) + self.shift.weight.T
-        return linear + hidden @ knows, factor
+        inputs = torch.cat([self.features(state), baseline_change / self.delta_std, condition], -1)
+        size = inputs.shape[-1]
+        of_inputs, of_start = self.skip.weight[:, :size], self.skip.weight[:, -self.size :]
+        skip = linear(inputs, of_inputs, self.skip.bias) + start @ of_start.T
+        hidden = self._hidden(linear(inputs, self.gates.weight[:, :size], self.gates.bias))
+        mean_weight, noise_weight = self.output.weight.T.chunk(2)
+        # (h · P_z) Q of all components of z together.
+        gains = (self.noise_gain.weight[:, :, None] * noise_weight[:, None]).flatten(1)
+        factor = (hidden @ gains).unflatten(1, (-1, self.size)) + self.noise_shift.weight.T
+        return skip + hidden @ mean_weight, factor
 
-    def _forecast(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
-        # In units of the state, and with the state itself: what l gives is ŝ_t + scale · l + drift.
-        scale, kept = self.delta_std, torch.eye(self.seen_size, self.size, device=s0.device)
-        weight = torch.cat([self.linear.weight * scale[:, None], self.first.weight]).T
-        feed, drive = weight.tensor_split([self.seen_size])
-        feed = feed + pad(kept, (0, feed.shape[1] - self.size))
-        drift = baseline[:, 1:] - baseline[:, :-1]
-        lasts, drawn = noise.tensor_split([self.lasting], dim=-1)
-        stays = s0[:, None].expand(-1, drift.shape[1], -1)
-        driving = torch.cat([drift / scale, condition, lasts, stays], -1)
-        driven = driving @ drive + torch.cat([self.linear.bias * scale, self.first.bias])
-        linear, gates = driven.tensor_split([self.size], dim=-1)
-        driven = torch.cat([linear + scale * self.shift(drawn) + drift, gates], -1)
-        out = self.out.weight.T * scale
-        state, states = s0, []
-        for now, turned in zip(driven.unbind(1), self.modulate(drawn).unbind(1), strict=True):
-            before = state.view_as(state)
-            if before.requires_grad:
-                before.register_hook(_credited)
-            entered = torch.addmm(now, self._seen(before), feed)
-            linear, gates = entered.tensor_split([self.size], dim=-1)
-            hidden = self._hidden(gates)
-            state = torch.addmm(linear, torch.cat([hidden, hidden * turned], -1), out)
-            state = torch.clamp(state, self.lowest, self.highest)
-            states.append(state)
-        return torch.stack(states, dim=1)
-
-    def _seen(self, state: Tensor) -> Tensor:
-        """The state and its headings, [B, D + 4 angles]."""
+    def features(self, state: Tensor) -> Tensor:
+        """f(ŝ) [B, D + 4 · angles] of states [B, D]."""
         if not len(self.angles):
             return state
         angle = state[:, self.angles] * self.angle_scale + self.angle_mean
         sin, cos = angle.sin(), angle.cos()
         return torch.cat([state, sin, cos, 2 * sin * cos, cos * cos - sin * sin], -1)
 
+    def _unroll(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
+        # l in units of the state, and with ŝ_t added through an identity in the weights.
+        scale, identity = self.delta_std, torch.eye(self.features_size, self.size, device=s0.device)
+        weight = torch.cat([self.skip.weight * scale[:, None], self.gates.weight]).T
+        features_weight, inputs_weight = weight.tensor_split([self.features_size])
+        features_weight = features_weight + pad(identity, (0, features_weight.shape[1] - self.size))
+        baseline_change = baseline[:, 1:] - baseline[:, :-1]
+        persistent, normal = noise.tensor_split([self.persistent_size], dim=-1)
+        start = s0[:, None].expand(-1, baseline_change.shape[1], -1)
+        inputs = torch.cat([baseline_change / scale, condition, persistent, start], -1)
+        # Everything but the state is known for all steps, and is computed for all steps together.
+        known = inputs @ inputs_weight + torch.cat([self.skip.bias * scale, self.gates.bias])
+        skip, gates = known.tensor_split([self.size], dim=-1)
+        known = torch.cat([skip + scale * self.noise_shift(normal) + baseline_change, gates], -1)
+        output_weight = self.output.weight.T * scale
+        state, states = s0, []
+        for known_t, gain in zip(known.unbind(1), self.noise_gain(normal).unbind(1), strict=True):
+            previous = state.view_as(state)
+            if previous.requires_grad:
+                previous.register_hook(_decay)
+            preactivation = torch.addmm(known_t, self.features(previous), features_weight)
+            skip, gates = preactivation.tensor_split([self.size], dim=-1)
+            hidden = self._hidden(gates)
+            state = torch.addmm(skip, torch.cat([hidden, hidden * gain], -1), output_weight)
+            state = torch.clamp(state, self.min_state, self.max_state)
+            states.append(state)
+        return torch.stack(states, dim=1)
+
     def _hidden(self, gates: Tensor) -> Tensor:
-        """h_L, from [u, v]."""
+        """h_L from [u, v]."""
         u, v = gates.chunk(2, -1)
         hidden = u * silu(v)
         for weight, bias in zip(self.layers.weight, self.layers.bias, strict=True):
@@ -187,5 +193,5 @@ class TransitionDecoder(nn.Module):
         return hidden
 
 
-def _credited(derivative: Tensor) -> Tensor:
-    return CREDIT * derivative
+def _decay(gradient: Tensor) -> Tensor:
+    return GRADIENT_DECAY * gradient

@@ -1,7 +1,7 @@
-"""`recurrence.c`, compiled on first use for the processor at hand, and kept for the next time.
+"""The functions of `recurrence.c`, compiled on first use.
 
-Without a C compiler, or with ``STUDY_COMPILED=0`` in the environment, there is no library, and
-`study.models.gru.recurrence` computes the same in plain torch.
+There is no library without a C compiler, or with ``STUDY_COMPILED=0`` in the environment.
+`study.models.gru.recurrence` then computes the same in torch.
 """
 
 import ctypes
@@ -19,7 +19,7 @@ from study.models.gru import compiler
 
 SOURCE = Path(__file__).with_name("recurrence.c")
 ROWS = 12
-"""Trajectories in a block, as in the source."""
+"""Trajectories of a block, as in the source."""
 
 _SIZES = (ctypes.c_long,) * 7 + (ctypes.c_float,)
 _ARRAYS = {"forward": 14, "backward": 11}
@@ -28,36 +28,36 @@ _log = logging.getLogger(__name__)
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The compiled functions; None where there are none."""
-    if (found := compiler.find()) is None:
+    """The compiled functions; None where they cannot be compiled."""
+    if (path := compiler.find()) is None:
         return None
     try:
-        built = ctypes.CDLL(str(compiler.build(SOURCE, found)))
+        compiled = ctypes.CDLL(str(compiler.build(SOURCE, path)))
     except OSError as error:
         _log.warning("recurrent networks run in plain torch: %s", error)
         return None
     for name, arrays in _ARRAYS.items():
-        function = getattr(built, name)
+        function = getattr(compiled, name)
         function.argtypes = _SIZES + (ctypes.c_void_p,) * arrays
         function.restype = None
-    return built
+    return compiled
 
 
 def call(
     function: Callable[..., None],
     members: int,
     sizes: tuple[int, int, int, int, int],
-    keep: float,
+    residual: float,
     arrays: tuple[Tensor | None, ...],
 ) -> None:
     """Call a function of the library for all blocks, on as many threads as torch uses.
 
     Args:
-        function: `forward` or `backward`.
+        function: `forward` or `backward` of the library.
         members: M.
         sizes: B, T, C, D, H.
-        keep: see the source.
-        arrays: its arrays in their order, float32 and contiguous.
+        residual: see `study.models.gru.recurrence.feedback_gru`.
+        arrays: the arrays in the order of the source, float32 and contiguous.
     """
     for array in arrays:
         assert array is None or (array.is_contiguous() and array.dtype == torch.float32)
@@ -65,13 +65,13 @@ def call(
     blocks = members * -(-sizes[0] // ROWS)
     threads = min(torch.get_num_threads(), blocks)
     if threads < 2:
-        function(0, blocks, *sizes, keep, *pointers)
+        function(0, blocks, *sizes, residual, *pointers)
         return
-    ends = [blocks * part // threads for part in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:  # while it runs, C does not hold the interpreter
-        parts = [
-            pool.submit(function, first, last, *sizes, keep, *pointers)
-            for first, last in pairwise(ends)
+    bounds = [blocks * part // threads for part in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:  # ctypes releases the interpreter's lock
+        calls = [
+            pool.submit(function, first, last, *sizes, residual, *pointers)
+            for first, last in pairwise(bounds)
         ]
-    for part in parts:
-        part.result()
+    for finished in calls:
+        finished.result()
