@@ -1,119 +1,200 @@
-"""What each choice is worth: one changed at a time, all fitted alike, scored on validation data.
+"""Command `ablate`: change one choice at a time, and compare the effects on validation data.
 
-`python -m study.run ablate` takes the changes from the setting `ablations`. Whatever a change does
-not touch is fitted once: its stages are the same, and so are their folders.
+The changes come from the setting `ablations`. A stage that does not depend on a change runs once,
+since its task is the same.
 """
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from study.commands.command import Command, StudyOptions
+from study.commands.run_all import run_due
+from study.commands.settings import change
+from study.commands.terminal import console, say
+from study.common.errors import BadInput
 from study.common.files import read_json, write_json, write_text
 from study.common.provenance import versions
 from study.config.grid import Cell, cells, select
 from study.config.names import label
 from study.config.settings import Config
-from study.results.folder import settings_of
-from study.workflow.pipeline import Pipeline
-from study.workflow.store import Store, Task
+from study.results.folder import check_writable, create, settings_of
+from study.workflow.lock import locked
+from study.workflow.store import Store
+from study.workflow.task import Task
+from study.workflow.task_cache import in_order
 
-Planned = dict[str, dict[Cell, Task]]
-"""The last stage of every cell, by what was changed."""
+DETAILS = """\
+Each change is written as settings are on the command line, without dashes. β is searched for again
+with every change. The test set is not used. OUT gets README.md, a table for each environment and
+level, and ablations.json.
 
-AS_IT_IS = "as it is"
+examples
+  python -m study.run ablate --config configs/ablations.yaml
+  python -m study.run ablate --ablations '[vae.decoder_output=mean, vae.latent_size=2]'
+  python -m study.run ablate --ablations '[vae.latent_size=2 vae.hidden_size=16]'"""
+
+UNCHANGED = "as it is"
 
 EXPLANATION = """\
-# What was tried
+# Ablations
 
-One choice was changed at a time and everything else left as it is, β searched for anew each time
-(the number in brackets), with the same budget each time. All scores are on validation
-scenarios; the test set was not looked at. A line (–) stands where a change does not concern a
-model.
+One choice was changed at a time, and everything else left as it is. β was searched for again with
+each change (in brackets), with the same budget. All scores are on validation scenarios; the test
+set was not used. A dash (–) means that a change does not concern a model.
 
-- **MMD²** averaged over the horizon and the dimensions of the state: 0 is right.
-- **skill**: Brier skill of the task's outcome, 0 the climatology, 1 an oracle.
-- **width**: forecast variance / true variance from the tenth step on, the median of steps and
-  dimensions: 1 is right.
+- **MMD²**, averaged over the horizon and the dimensions of the state: 0 is ideal.
+- **skill**: Brier skill score of the goal's outcome, 0 for the climatology and 1 for an oracle.
+- **variance ratio**: forecast variance / true variance from the tenth step on, the median of steps
+  and dimensions: 1 is ideal.
 """
 
+Variants = Mapping[str, Mapping[Cell, Task]]
+"""The task `validate` of every cell, by change; the change "" is none."""
+Scores = Mapping[str, Any]
+"""What the stage validate wrote for one cell."""
 
-def plan(variants: Mapping[str, Config], only: str | None = None) -> Planned:
-    """Which stages there are, of the cells whose name matches `only`."""
-    planned = {}
-    for change, config in variants.items():
+
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `ablate`: the settings alone."""
+
+
+def run(options: Options) -> int:
+    """Run the stages that are not up to date, and write the tables."""
+    out, terminal = options.out, console()
+    configs = changed_configs(options.config)
+    check_writable(out)
+    variants = validation_tasks(configs, options.only)
+    create(out)
+    store = Store(out / "work")
+    with locked(out):
+        tasks = in_order(task for by_cell in variants.values() for task in by_cell.values())
+        store.forget_progress()
+        due = [task for task in tasks if store.why_not(task) is not None]
+        errors = run_due(due, options.config.engine, store, terminal) if due else {}
+        for task, error in errors.items():
+            say(terminal, f"{task.name}: {error}")
+        say(terminal, str(write(out, options.config, variants, store)))
+    return 1 if errors else 0
+
+
+def changed_configs(config: Config) -> dict[str, Config]:
+    """The settings with each change of `ablations`; first, under "", without a change.
+
+    Raises:
+        BadInput: there is no change, or one is not allowed.
+    """
+    if not config.ablations:
+        raise BadInput(
+            "ablations: nothing to change; --config configs/ablations.yaml has a list, or give "
+            "--ablations '[vae.decoder_output=mean]'"
+        )
+    configs = {"": config}
+    for text in config.ablations:
+        try:
+            configs[text] = change(config, [f"--{word}" for word in shlex.split(text)])
+        except BadInput as error:
+            raise BadInput(f"ablations: '{text}': {error}") from None
+    return configs
+
+
+def validation_tasks(configs: Mapping[str, Config], only: str | None) -> Variants:
+    """The last task of every cell whose name matches `only`, for each change."""
+    from study.workflow.pipeline import Pipeline
+
+    variants = {}
+    for text, config in configs.items():
         pipeline = Pipeline(config)
         chosen = [cell for cell in select(cells(config), only) if not cell.is_reference]
-        planned[change] = {cell: pipeline.validate(cell) for cell in chosen}
-    return planned
+        variants[text] = {cell: pipeline.validate(cell) for cell in chosen}
+    return variants
 
 
-def write(out: Path, config: Config, planned: Planned, store: Store) -> Path:
-    """Write ``README.md``, a table for each environment and level, and ``ablations.json``.
+def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
+    """Write ``README.md``, with a table for each environment and level, and ``ablations.json``.
 
     Args:
         out: the results folder.
-        config: the settings as they are.
-        planned: from `plan`.
-        store: where the stages are. What has failed is told as `failed`.
+        config: the settings without a change.
+        variants: the tasks. Cells whose task failed are shown as `failed`.
+        store: the folders of the tasks.
+
+    Returns:
+        the path of the page.
     """
     scores = {
-        change: {
+        text: {
             cell.name: read_json(store.folder(task) / "validation.json")
-            for cell, task in tasks.items()
+            for cell, task in by_cell.items()
             if store.why_not(task) is None
         }
-        for change, tasks in planned.items()
+        for text, by_cell in variants.items()
     }
-    grid = list(planned[""])
+    grid = list(variants[""])
     lines = [EXPLANATION]
     for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
-        here = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
-        models = list(dict.fromkeys(cell.model for cell in here))
-        lines += [f"## {label(environment)}, {level} epistemic", "", _header(models)]
-        for change, tasks in planned.items():
-            entries = []
-            for model in models:
-                mine = [cell for cell in here if cell.model == model]
-                same = change and all(tasks[cell] == planned[""][cell] for cell in mine)
-                entries.append("–" if same else _entry([scores[change].get(c.name) for c in mine]))
-            lines.append(f"| {f'`{change}`' if change else AS_IT_IS} | {' | '.join(entries)} |")
-        lines.append("")
+        of_table = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
+        lines += [f"## {label(environment)}, {level} epistemic", ""]
+        lines += [*_table(of_table, variants, scores), ""]
     seeds = len({cell.seed for cell in grid})
     lines.append(
-        f"{seeds} seed{'s' * (seeds > 1)}. Made by `python -m study.run ablate` with the settings "
-        "and versions in `ablations.json`, which has the scores of every cell as well."
+        f"{seeds} seed{'s' * (seeds > 1)}. Written by `python -m study.run ablate` with the "
+        "settings and versions in `ablations.json`, which has the scores of every cell as well."
     )
-    told = {change or AS_IT_IS: of_cells for change, of_cells in scores.items()}
-    facts = {"settings": settings_of(config), "versions": versions(), "scores": told}
+    by_change = {text or UNCHANGED: by_cell for text, by_cell in scores.items()}
+    facts = {"settings": settings_of(config), "versions": versions(), "scores": by_change}
     write_json(out / "ablations.json", facts)
     path = out / "README.md"
     write_text(path, "\n".join(lines) + "\n")
     return path
 
 
-def _header(models: list[str]) -> str:
-    names = " | ".join(f"{label(model)}: MMD², skill, width" for model in models)
-    return f"| change | {names} |\n|---|{'---|' * len(models)}"
+def _table(
+    grid: Sequence[Cell], variants: Variants, scores: Mapping[str, Mapping[str, Scores]]
+) -> list[str]:
+    """A Markdown table: a row a change, a column a model."""
+    models = list(dict.fromkeys(cell.model for cell in grid))
+    columns = " | ".join(f"{label(model)}: MMD², skill, variance ratio" for model in models)
+    lines = [f"| change | {columns} |", f"|---|{'---|' * len(models)}"]
+    for text, by_cell in variants.items():
+        entries = []
+        for model in models:
+            chosen = [cell for cell in grid if cell.model == model]
+            if text and all(by_cell[cell] == variants[""][cell] for cell in chosen):
+                entries.append("–")
+            else:
+                entries.append(_entry([scores[text].get(cell.name) for cell in chosen]))
+        lines.append(f"| {f'`{text}`' if text else UNCHANGED} | {' | '.join(entries)} |")
+    return lines
 
 
-def _entry(told: list[dict[str, Any] | None]) -> str:
-    """What one change does to one model: the mean over seeds, and of MMD² the range."""
-    scores = [score for score in told if score is not None]
-    if len(scores) < len(told):
+def _entry(by_seed: Sequence[Scores | None]) -> str:
+    """Scores of one model with one change: means over seeds, the range of MMD², and each β."""
+    scores = [score for score in by_seed if score is not None]
+    if len(scores) < len(by_seed):
         return "failed"
-    values = [score["mmd2"] for score in scores]
-    between = f" ({min(values):.3f}–{max(values):.3f})" if len(values) > 1 else ""
-    skill, width = (_mean(scores, name) for name in ("brier_skill", "variance_ratio"))
-    return f"**{np.mean(values):.3f}**{between}, {skill}, {width}{_betas(scores)}"
+    mmd2 = [score["mmd2"] for score in scores]
+    seed_range = f" ({min(mmd2):.3f}–{max(mmd2):.3f})" if len(mmd2) > 1 else ""
+    skill, ratio = (_mean(scores, name) for name in ("brier_skill", "variance_ratio"))
+    betas = [f"{score['beta']:.2g}" for score in scores if score["beta"] is not None]
+    of_betas = f" [β {', '.join(betas)}]" if betas else ""
+    return f"**{np.mean(mmd2):.3f}**{seed_range}, {skill}, {ratio}{of_betas}"
 
 
-def _mean(scores: list[dict[str, Any]], name: str) -> str:
+def _mean(scores: Sequence[Scores], name: str) -> str:
     known = [score[name] for score in scores if score[name] is not None]
     return f"{np.mean(known):.2f}" if known else "?"
 
 
-def _betas(scores: list[dict[str, Any]]) -> str:
-    known = [f"{score['beta']:.2g}" for score in scores if score["beta"] is not None]
-    return f" [β {', '.join(known)}]" if known else ""
+COMMAND = Command(
+    "ablate",
+    "change one choice at a time, and compare the effects on validation data",
+    Options,
+    run,
+    DETAILS,
+)

@@ -1,121 +1,167 @@
-"""Cells side by side, from their recordings alone: settings that differ, and overall scores."""
+"""Command `compare`: cells of one study side by side, by settings that differ and by scores."""
 
 import json
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from study.commands.command import Argument, Command, StudyOptions, import_plugins
+from study.commands.terminal import console
+from study.commands.view import check_cell, known_cells
 from study.common.errors import BadInput
-from study.recording import reading
-from study.recording.integrity import check
+from study.config.grid import Cell
+from study.results import folder
+from study.results.folder import Results
 
-Value = str | int | float
+if TYPE_CHECKING:
+    import pandas as pd
+
+DETAILS = """\
+Reads study.json, scores.parquet and trials.parquet of OUT. Scores are aggregated over scenarios,
+steps and dimensions as in the tables.
+
+example
+  python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0"""
+
+Column = dict[str, Any]
+"""Values of one cell by the name of the row."""
 
 
-def settings(path: Path) -> dict[str, Value]:
-    """The settings that a recording carries, flat: `model`, `trained.train.steps` …
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `compare`.
 
-    Left out is what a stage's settings only repeat, and its seed, which follows from the cell.
-
-    Raises:
-        StudyError: the recording is missing or damaged.
+    Attributes:
+        cells: names of the cells.
     """
-    found = reading.properties(path)
-    try:
-        config = json.loads(str(found.pop("config", "{}")))
-    except ValueError:
-        config = {}
-    found.pop("cell", None)
-    of_stages = _flat(config)
-    repeated = [name for name in of_stages if name.rpartition(".")[2] in found]
-    return found | {name: value for name, value in of_stages.items() if name not in repeated}
+
+    cells: Annotated[list[str], Argument("such as pusher/low/residual_vae/seed-0")]
 
 
-def overall_scores(path: Path) -> dict[str, float]:
-    """The overall scores of a recording of scores: `mmd2`, `brier` …
+def run(options: Options) -> int:
+    """Print the settings that differ, and the scores."""
+    known = [cell.name for cell in known_cells(options)]
+    for name in options.cells:
+        check_cell(name, known)
+    if len(set(options.cells)) < 2:
+        raise BadInput(f"compare: got {options.cells[0]} alone; give two cells or more")
+    results = folder.read(options.out)
+    import_plugins(results.config.plugins)
+    chosen = [results.cell(name, "compare") for name in options.cells]
+    terminal = console()
+    _print(terminal, "settings that differ", different_settings(results, chosen))
+    _print(terminal, "scores", scores(results.out, chosen))
+    return 0
 
-    Those over all dimensions; of a metric that has no such number, those by dimension.
 
-    Raises:
-        StudyError: the recording is missing or damaged.
+def different_settings(results: Results, cells: Sequence[Cell]) -> "pd.DataFrame":
+    """The settings that are not the same for all cells: a row a setting, a column a cell.
+
+    A setting that a cell's stages do not depend on is None. Among the rows is the β that the search
+    chose.
     """
-    by_metric: dict[str, dict[str, float]] = {}
-    for entity, frame in reading.scalars_below(path, "/overall").items():
-        metric, dimension = (re.sub(r"\\(.)", r"\1", part) for part in entity.split("/")[2:4])
-        row = {str(name): float(value) for name, value in frame.iloc[-1].items()}
-        values = {dimension: row["value"]} if list(row) == ["value"] else row
-        by_metric.setdefault(metric, {}).update(values)
-    scores = {}
-    for metric, values in by_metric.items():
-        if "all" in values:
-            scores[metric] = values["all"]
-        else:
-            scores |= {f"{metric} {dimension}": value for dimension, value in values.items()}
-    return scores
+    columns = {cell.name: _settings(results, cell) for cell in cells}
+    table = _side_by_side(columns)
+    return table[table.astype(str).nunique(axis=1) > 1]
 
 
-def compare(paths: Mapping[str, Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Settings that differ, and overall scores: a column a cell; NaN where a cell has none.
+def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
+    """The scores of cells, aggregated as in the tables: a row a score, a column a cell."""
+    import pandas as pd
 
-    Args:
-        paths: each cell's recording of scores, by the cell's name.
+    from paper_figs.score_tables import MEASURES, rows
+    from study.metrics.intervals import Interval
 
-    Raises:
-        BadInput: there are fewer than two cells.
-        StudyError: a recording is missing or damaged.
-    """
-    if len(paths) < 2:
-        raise BadInput("compare needs two cells or more, which differ")
-    for path in paths.values():
-        check(path)
-    given = _side_by_side({cell: settings(path) for cell, path in paths.items()})
-    differ = given.astype(str).nunique(axis=1) > 1
-    scores = _side_by_side({cell: overall_scores(path) for cell, path in paths.items()})
-    return given[differ], scores
-
-
-def print_comparison(console: Console, differing: pd.DataFrame, scores: pd.DataFrame) -> None:
-    """Print what `compare` has found as two tables."""
-    _print(console, "settings that differ", differing)
-    _print(console, "overall scores", scores)
+    table = pd.read_parquet(out / "scores.parquet")
+    columns: dict[str, Column] = {}
+    for cell in cells:
+        of_cell = _of_cell(table, cell)
+        whole = of_cell[(of_cell.dimension == "all") & (of_cell.step == -1)]
+        column = {"Brier score": _only(whole[(whole.metric == "brier") & (whole.scenario == -1)])}
+        by_metric = rows(of_cell, cell.environment, cell.level)
+        for measure in MEASURES:
+            entry = by_metric.get(measure.metric, {}).get(cell.model)
+            column[measure.name] = entry.estimate if isinstance(entry, Interval) else entry
+        columns[cell.name] = column
+    return _side_by_side(columns).dropna(how="all")
 
 
-def _print(console: Console, title: str, frame: pd.DataFrame) -> None:
+def _settings(results: Results, cell: Cell) -> Column:
+    """The cell's coordinates, its β, and the settings of the stages that it depends on, flat."""
+    import pandas as pd
+
+    from study.workflow.pipeline import Pipeline
+    from study.workflow.task_cache import in_order
+
+    trials = _of_cell(pd.read_parquet(results.out / "trials.parquet"), cell)
+    column = asdict(cell) | {"beta": _only(trials[trials.chosen.astype(bool)], "beta")}
+    for task in in_order([Pipeline(results.config).evaluate(cell)]):
+        for name, value in _flat(task.settings, task.stage).items():
+            # Seeds follow from the cell; the rest repeats its coordinates.
+            if name.rpartition(".")[2] not in column:
+                column[name] = value
+    return column
+
+
+def _of_cell(table: "pd.DataFrame", cell: Cell) -> "pd.DataFrame":
+    for name, value in asdict(cell).items():
+        table = table[table[name] == value]
+    return table
+
+
+def _only(rows: "pd.DataFrame", column: str = "value") -> float | None:
+    """The value of the first row; None without any."""
+    return float(rows[column].iloc[0]) if len(rows) else None
+
+
+def _side_by_side(columns: Mapping[str, Column]) -> "pd.DataFrame":
+    """A table with rows in the order in which they first occur."""
+    import pandas as pd
+
+    rows = list(dict.fromkeys(name for column in columns.values() for name in column))
+    table = {cell: [column.get(row) for row in rows] for cell, column in columns.items()}
+    return pd.DataFrame(table, index=rows, dtype=object)
+
+
+def _flat(tree: Any, prefix: str) -> Column:
+    """Nested settings by dotted name; lists as JSON."""
+    if not isinstance(tree, Mapping):
+        return {prefix: tree if isinstance(tree, str | int | float | None) else json.dumps(tree)}
+    return {
+        name: value
+        for key, branch in tree.items()
+        for name, value in _flat(branch, f"{prefix}.{key}").items()
+    }
+
+
+def _print(terminal: Console, title: str, frame: "pd.DataFrame") -> None:
     if frame.empty:
-        console.print(f"{title}: none")
+        terminal.print(f"{title}: none")
         return
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     table.add_column("")
     for cell in frame.columns:
         table.add_column(str(cell), justify="right", overflow="fold")
     for name, row in zip(frame.index, frame.to_numpy(dtype=object), strict=True):
-        table.add_row(str(name), *map(_spell, row))
-    console.print(table)
-    console.print()
+        table.add_row(str(name), *map(_text, row))
+    terminal.print(table)
+    terminal.print()
 
 
-def _side_by_side(columns: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
-    """Rows in the order in which they first occur."""
-    rows = list(dict.fromkeys(name for column in columns.values() for name in column))
-    table = {cell: [column.get(row) for row in rows] for cell, column in columns.items()}
-    return pd.DataFrame(table, index=rows, dtype=object)
-
-
-def _flat(tree: Any, prefix: str = "") -> dict[str, Value]:
-    if not isinstance(tree, dict):
-        return {prefix: tree if isinstance(tree, str | int | float) else json.dumps(tree)}
-    leaves: dict[str, Value] = {}
-    for name, branch in tree.items():
-        leaves |= _flat(branch, f"{prefix}.{name}" if prefix else str(name))
-    return leaves
-
-
-def _spell(value: Any) -> str:
+def _text(value: Any) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+COMMAND = Command(
+    "compare",
+    "settings that differ and scores of cells, side by side: compare CELL CELL",
+    Options,
+    run,
+    DETAILS,
+)

@@ -1,269 +1,169 @@
-"""Forecast one scenario from the weights that a study ships: no training, no scratch folder.
+"""Command `forecast`: forecast a test scenario, or a plan from a file."""
 
-    python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
-
-A test scenario is drawn again from the study's settings, to the same bits, and so are the seeds of
-its observed runs and of its forecasts: with as many samples as the study took, these are the
-forecasts that it scored. A plan from a file is observed and forecast with the noise of a test
-scenario: so two plans may be compared with the same noise.
-"""
-
-import json
-from dataclasses import asdict, dataclass, replace
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from study.common.errors import BadInput, StudyError, nearest
-from study.common.progress import Progress
-from study.common.provenance import made_with
-from study.common.seeds import Seeds, derive, spawn
-from study.config.grid import Cell
-from study.data.plan_files import Plan, read_plan
-from study.data.trajectories import ScenarioSet, joined
-from study.envs import Simulator
-from study.envs.observe import real_system, repeat_rollouts, sample_planned, trajectory_seeds
-from study.models import Forecaster
-from study.models.checkpoints import load_model
-from study.models.forecasting import picked
-from study.models.oracle import Oracle
-from study.recording.examples import as_example, position_variance
-from study.recording.forecasts import Example, record_forecast
-from study.recording.properties import table
-from study.results import checksums
-from study.results.folder import Stored
-from study.workflow.pipeline import Pipeline
+from study.commands.command import DEFAULT_OUT, Command, Flag, read_results
+from study.commands.terminal import Bar, console, say
+from study.common.errors import BadInput
+from study.workflow.engine import quiet_rerun
+
+if TYPE_CHECKING:  # torch takes seconds to import
+    from study.envs import Simulator
+    from study.recording.forecast import Example
+    from study.results.forecast import Request
+
+DETAILS = """\
+Needs the weights of a study, and nothing else: no training, no data.
+
+a plan has these columns, with the names and units of study/envs/README.md:
+  s0.NAME      the state at the start, one value:   s0.x, s0.y, …
+  goal.NAME    what is asked for, one value:        goal.target_x, …
+  action.NAME  the action of each control step:     action.vx, …
+In CSV the first row has all of them; the rows after it leave s0 and goal empty.
+In JSON: {"s0": {"x": 0.0, …}, "goal": {…}, "action": {"vx": [1.0, …], …}}.
+
+examples
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --samples 200
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --scenario 17 --write plan.csv
+  python -m study.run forecast --cell uav/high/residual_vae/seed-0 --file plan.csv --save my.rrd"""
 
 STEPS = 5
-"""Steps at which the split is printed, evenly apart."""
-
-README = """
-# A forecast
-
-From the beginning s₀ and the actions a₀ … a_{T−1} that the first tab names, the real system was run
-K times (**observed**, grey) and the model forecast as many times as asked for (**forecast**, blue),
-with the weights that the study ships.
-"""
+"""Control steps at which standard deviations are printed, evenly spaced over the horizon."""
 
 
-@dataclass(frozen=True)
-class Question:
-    """What is asked of a cell's forecaster.
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of `forecast`.
 
     Attributes:
-        study: the results folder.
-        cell: whose forecaster.
-        scenario: the test scenario whose noise, and without a plan whose s_0 and actions, are used.
-        file: a plan of one's own.
-        samples: K; None takes as many as the study did.
+        cell: name of the cell whose forecaster is used.
+        scenario: index of a test scenario.
+        file: a plan to forecast in place of the scenario's.
+        samples: number of forecasts; None for as many as the study took.
+        save: recording to write; None writes a temporary one and opens the viewer.
+        write: file to which the plan is written, in place of forecasting it.
+        out: the results folder.
     """
 
-    study: Stored
-    cell: Cell
-    scenario: int = 0
-    file: Path | None = None
-    samples: int | None = None
-
-    @property
-    def title(self) -> str:
-        """What is forecast; what stands before the colon is short."""
-        if self.file is None:
-            return f"scenario {self.scenario}: from the test set"
-        return f"{self.file.name}: a plan from a file, noise of test scenario {self.scenario}"
-
-
-def simulator_of(study: Stored, environment: str) -> Simulator:
-    """The real system, with the study's horizon."""
-    return real_system(_collect(study, environment))[0]
-
-
-def read_scenario(question: Question) -> Plan:
-    """The plan that is forecast: that of the test scenario, drawn again, or of the file.
-
-    Raises:
-        BadInput: there is no such scenario, or the file cannot be used.
-    """
-    count = question.study.config.collect.scenarios
-    if not 0 <= question.scenario < count:
-        raise BadInput(
-            f"--scenario: got {question.scenario}; the test set has {count}, 0 to {count - 1}"
-        )
-    simulator, seed = real_system(_collect(question.study, question.cell.environment))
-    if question.file is not None:
-        return read_plan(question.file, simulator)
-    seeds, _ = trajectory_seeds(derive(seed, "test"), question.scenario + 1)
-    scenario, actions = sample_planned(simulator, seeds[-1:])
-    return Plan(scenario.s0[0], scenario.goal[0], actions[0])
-
-
-def answer(question: Question, plan: Plan, progress: Progress) -> Example:
-    """Observed runs and forecasts of a plan.
-
-    Raises:
-        StudyError: the cell's weights are missing or damaged.
-    """
-    study, cell = question.study, question.cell
-    simulator, seed = real_system(_collect(study, cell.environment))
-    forecaster = load_forecaster(study, cell, simulator)
-    settings = Pipeline(study.config).evaluate(cell).settings
-    samples = question.samples or int(settings["evaluate"]["samples"])
-    _, noise = trajectory_seeds(derive(seed, "test"), question.scenario + 1)
-    part = progress.part(0.0, 0.5)
-    test = _observed(simulator, plan, study.config.collect.rollouts, noise[-1:], part)
-    seeds = spawn(settings["seed"], question.scenario + 1)[-1:]
-    progress(0.5, "forecasting")
-    forecasts = forecaster.forecast(test.s0, test.actions, samples, seeds)
-    progress(1.0, "forecasting")
-    arrays = picked(forecaster, test, forecasts, seeds, np.array([0]))
-    return as_example(arrays, 0, simulator, None, question.title)
-
-
-def load_forecaster(study: Stored, cell: Cell, simulator: Simulator) -> Forecaster:
-    """A cell's forecaster from what the study ships.
-
-    The ensemble alone has no file of its own: it is inside every model that was fitted on it.
-
-    Raises:
-        StudyError: its weights are missing or damaged.
-    """
-    if cell.model == "oracle":
-        return Oracle(simulator)
-    if cell.model != "ensemble":
-        return _load(study, cell)
-    for other in study.complete:
-        if study.ships(other) and replace(other, model="ensemble") == cell:
-            inner = getattr(_load(study, other), "ensemble", None)
-            if inner is not None:
-                return inner
-    raise StudyError(
-        f"{cell.name}: the study ships no model with an ensemble at this level and seed"
+    cell: Annotated[str, Flag("whose forecaster is used: uav/high/residual_vae/seed-0")]
+    scenario: Annotated[
+        int | None, Flag("a test scenario, from 0 on; with --file, the one whose noise is used")
+    ] = None
+    file: Annotated[Path | None, Flag("a plan of your own, .csv or .json")] = None
+    samples: Annotated[int | None, Flag("number of forecasts; as in the study by default")] = None
+    save: Annotated[Path | None, Flag("FILE.rrd to write, in place of opening the viewer")] = None
+    write: Annotated[Path | None, Flag("write the plan to this .csv or .json file, and stop")] = (
+        None
     )
+    out: Annotated[Path, Flag("results folder")] = DEFAULT_OUT
 
 
-def print_answer(
-    console: Console, question: Question, simulator: Simulator, example: Example
+def run(options: Options) -> int:
+    """Forecast, print a summary, and record the forecasts or open them in the viewer."""
+    if options.scenario is None and options.file is None:
+        raise BadInput("--scenario: its value is missing; give one, or a plan with --file")
+    if options.samples is not None and options.samples < 2:
+        raise BadInput(f"--samples: got {options.samples}; it must be at least 2")
+    if options.save is not None and options.save.suffix != ".rrd":
+        raise BadInput(f"--save: got '{options.save}'; it must be a .rrd file")
+    quiet_rerun()
+    results = read_results(options.out)
+    cell = results.cell(options.cell, "--cell")
+
+    from study.data.plan_files import write_plan
+    from study.recording.viewer import open_viewer
+    from study.results.forecast import Request, forecast, read_request, record
+
+    request = Request(results, cell, options.scenario or 0, options.file, options.samples)
+    plan, (simulator, _) = read_request(request), request.real_system()
+    if options.write is not None:
+        write_plan(options.write, simulator, plan)
+        print(options.write)
+        return 0
+    terminal = console()
+    with Bar(terminal) as bar:
+        example = forecast(request, plan, bar)
+    print_forecast(terminal, request, simulator, example)
+    path = options.save or Path(tempfile.mkdtemp(prefix="study-"), "forecast.rrd")
+    record(path, request, simulator, example)
+    if options.save is None:
+        open_viewer([path])
+    print(f"\nrecording: {path}")
+    return 0
+
+
+def print_forecast(
+    terminal: Console, request: "Request", simulator: "Simulator", example: "Example"
 ) -> None:
-    """Print the probability of each outcome, and the split of the spread at a few steps."""
-    console.print(
-        f"{question.cell.name}, {question.title}\n{len(example.forecast)} forecasts and "
-        f"{len(example.observed)} observed runs of {len(example.actions)} steps, "
-        f"{simulator.control_step * len(example.actions):.3g} s",
-        soft_wrap=True,
-    )
-    lost = int((~np.isfinite(example.forecast).all(axis=(1, 2))).sum())
-    if lost:
-        console.print(f"{lost} forecasts are not finite: they count as none of the outcomes")
-    _print(console, OUTCOMES, outcome_rows(simulator, example))
-    _print(console, SPREAD, spread_rows(simulator, example))
+    """Print the probability of each outcome, and standard deviations of the position."""
+    from study.results.forecast import finite_samples
+
+    steps = len(example.actions)
+    duration = f"{steps} steps, {simulator.control_step * steps:.3g} s"
+    say(terminal, f"{request.cell.name}, {request.title}")
+    counts = f"{len(example.forecast)} forecasts and {len(example.observed)} observed rollouts"
+    say(terminal, f"{counts} of {duration}")
+    if infinite := int((~finite_samples(example)).sum()):
+        say(terminal, f"{infinite} forecasts are not finite and count as none of the outcomes")
+    _print(terminal, ("outcome", "forecast", "±", "observed"), outcome_rows(simulator, example))
+    columns = ("total", "aleatoric", "epistemic", "observed")
+    header = ("step", "time [s]", *(f"{column} [m]" for column in columns))
+    say(terminal, "\nstandard deviation of the position")
+    _print(terminal, header, std_rows(simulator, example))
 
 
-OUTCOMES = ("outcome", "forecast", "±", "observed")
-SPREAD = ("step", "time [s]", "total [m]", "aleatoric [m]", "epistemic [m]", "observed [m]")
+def outcome_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, ...]]:
+    """Outcome, forecast probability, its standard error by the number of samples, observed."""
+    from study.results.forecast import outcome_probabilities
 
-
-def outcome_rows(simulator: Simulator, example: Example) -> list[tuple[str, ...]]:
-    """The rows of `OUTCOMES`: shares of the runs; ± is the standard error of so many forecasts."""
     rows: list[tuple[str, ...]] = []
-    for name, (share, seen) in outcome_shares(simulator, example).items():
-        error = np.sqrt(share * (1 - share) / len(example.forecast))
-        rows.append((name, f"{share:.3f}", f"{error:.3f}", f"{seen:.3f}"))
+    for name, (forecast, observed) in outcome_probabilities(simulator, example).items():
+        error = (forecast * (1 - forecast) / len(example.forecast)) ** 0.5
+        rows.append((name, f"{forecast:.3f}", f"{error:.3f}", f"{observed:.3f}"))
     return rows
 
 
-def outcome_shares(simulator: Simulator, example: Example) -> dict[str, tuple[float, float]]:
-    """The shares of forecasts and of observed runs with each outcome, the goal itself first.
+def std_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, ...]]:
+    """Step, time, and standard deviations; a dash for the parts without an ensemble."""
+    from study.results.forecast import position_std
 
-    As in the scores, a forecast that is not finite has none of them.
-    """
-    finite = np.isfinite(example.forecast).all(axis=(1, 2))
-    forecast = simulator.outcomes(example.forecast, example.goal[None])
-    observed = simulator.outcomes(example.observed, example.goal[None])
-    return {
-        name: (float((happens & finite).mean()), float(observed[name].mean()))
-        for name, happens in forecast.items()
-    }
-
-
-def spread_rows(simulator: Simulator, example: Example) -> list[tuple[str, ...]]:
-    """The rows of `SPREAD`: standard deviations of the position.
-
-    Their squares add up, but where the epistemic variance, which is estimated without bias, is by
-    chance below zero: it is told as 0.
-    """
-    parts = position_variance(simulator, example.forecast, example.member)
-    observed = position_variance(simulator, example.observed).total
-    steps = np.unique(np.linspace(0, len(example.actions), STEPS + 1).round().astype(int)[1:])
-    split = example.member is not None
-    each = (parts.total, parts.aleatoric, parts.epistemic, observed)
-    rows: list[tuple[str, ...]] = []
-    for step in steps:
-        total, aleatoric, epistemic, seen = (_deviation(value[step - 1]) for value in each)
-        time = f"{step * simulator.control_step:.3g}"
-        rows.append((str(step), time, total, *((aleatoric, epistemic) if split else "––"), seen))
-    return rows
-
-
-def save(path: Path, question: Question, simulator: Simulator, example: Example) -> None:
-    """Write the recording: outcomes, fans and split.
-
-    Raises:
-        BadInput: it cannot be written there.
-    """
-    # The panel is narrow, and the spread has a plot.
-    rows = [("outcome", "forecast", "observed")]
-    rows += [(name, share, seen) for name, share, _, seen in outcome_rows(simulator, example)]
-    cell = question.cell
-    properties = {
-        "cell": cell.name,
-        **asdict(cell),
-        "forecast": question.title,
-        "samples": len(example.forecast),
-        **made_with(),
-        "config": json.dumps(asdict(question.study.config), sort_keys=True),
-    }
-    try:
-        record_forecast(path, simulator, [example], properties, README, table(rows[0], rows[1:]))
-    except OSError as error:
-        raise BadInput(f"--save: cannot write '{path}': {error}") from None
-
-
-def _collect(study: Stored, environment: str) -> dict[str, object]:
-    """The settings of the stage that observed the environment."""
-    return {"environment": environment, "collect": asdict(study.config.collect)}
-
-
-def _load(study: Stored, cell: Cell) -> Forecaster:
-    path = study.weights(cell)
-    if not study.ships(cell):
-        shipped = [other.name for other in study.complete if study.ships(other)]
-        raise StudyError(
-            f"{study.out} ships no weights of '{cell.name}' (see publish.weights): "
-            f"{nearest(cell.name, shipped)}"
+    std = position_std(simulator, example, STEPS)
+    columns = (std.total, std.aleatoric, std.epistemic, std.observed)
+    return [
+        (
+            str(step),
+            f"{step * simulator.control_step:.3g}",
+            *("–" if column is None else _number(column[index]) for column in columns),
         )
-    checksums.check(path, study.out)
-    return load_model(path)
+        for index, step in enumerate(std.step)
+    ]
 
 
-def _observed(
-    simulator: Simulator, plan: Plan, rollouts: int, noise: Seeds, progress: Progress
-) -> ScenarioSet:
-    s0, actions, goal = plan.s0[None], plan.actions[None], plan.goal[None]
-    parts = repeat_rollouts(simulator, s0, actions, rollouts, noise, progress)
-    return joined(ScenarioSet(s0, actions, goal, *part, {}) for part in parts)
+def _number(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < float("inf") else "–"
 
 
-def _deviation(variance: float) -> str:
-    # An estimate of a small part may by chance be below zero.
-    return f"{np.sqrt(max(variance, 0.0)):.4g}" if np.isfinite(variance) else "–"
-
-
-def _print(console: Console, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    shown = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+def _print(terminal: Console, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> None:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for index, column in enumerate(header):
-        shown.add_column(column, justify="right" if index else "left", no_wrap=True)
+        table.add_column(column, justify="right" if index else "left", no_wrap=True)
     for row in rows:
-        shown.add_row(*row)
-    console.print()
-    console.print(shown)
+        table.add_row(*row)
+    terminal.print()
+    terminal.print(table)
+
+
+COMMAND = Command(
+    "forecast",
+    "forecast a test scenario, or a plan from a file, with the weights of a study",
+    Options,
+    run,
+    DETAILS,
+)

@@ -1,168 +1,170 @@
-"""What the terminal shows of a study as a whole: the final table, the state of its stages."""
+"""Command `status`: what is done, running or failed, and what it cost."""
 
-import platform
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict
-from datetime import UTC, datetime
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from rich.box import SIMPLE
-from rich.console import Console
 from rich.table import Table
 
-from study.claims.paper import BRIER
-from study.commands import usage
-from study.common.files import read_json, write_json
+from study.commands.command import Command, StudyOptions
+from study.commands.terminal import console, say
+from study.common.errors import BadInput
 from study.common.progress import read_progress
-from study.config.grid import Cell
-from study.config.settings import Config
-from study.workflow.engine import workers
+from study.config.grid import cells, select
+from study.results.timings import parallel_tasks
 from study.workflow.lock import is_locked
-from study.workflow.store import Store, Task
+from study.workflow.store import Store
+from study.workflow.task import Task
+from study.workflow.task_cache import in_order, record_tasks
 
-TIMINGS = "timings.json"
+DETAILS = """\
+It can be asked while a run goes on, from another terminal.
 
+examples
+  python -m study.run status
+  python -m study.run status --config configs/paper.yaml --only 'uav/*'"""
 
-def print_table(
-    console: Console,
-    config: Config,
-    records: Mapping[Cell, Task],
-    store: Store,
-    errors: Mapping[Task, str],
-    out: Path,
-) -> None:
-    """One row a cell: β, MMD², Brier score, the oracle's Brier score, the paper's."""
-    scores = _overall(out / "scores.parquet")
-    title = f"{config.name}: MMD² and Brier scores (lower is better)"
-    table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("cell", no_wrap=True)
-    for column in ("β", "MMD²", "Brier", "oracle", "paper"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for cell, record in records.items():
-        mmd2, brier = (_value(scores, cell, metric) for metric in ("mmd2", "brier"))
-        oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
-        table.add_row(
-            cell.name,
-            "failed" if record in errors else _beta(record, store),
-            _number(mmd2, 4),
-            _number(brier, 3),
-            _number(_value(scores, oracle, "brier"), 3),
-            _number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
-        )
-    console.print(table)
-    shown = {
-        "claims": out / "claims.md",
-        "tables": out / "tables",
-        "figures": out / "figures",
-        "recordings": out / "recordings",
-    }
-    for name, path in shown.items():
-        console.print(f"{name:11} {path}", soft_wrap=True)
-    for task, error in errors.items():
-        console.print(f"FAILED {task.name}: {error}  log: {store.log(task)}", soft_wrap=True)
+Timing = Mapping[str, Any]
+"""What one task cost, as `study.workflow.meter.Meter` measured it, with ``began`` and ``threads``.
+It is empty if the task has not run. Tasks of earlier versions have fewer entries."""
+
+PAUSE = 60.0
+"""Seconds without a running task after which a study counts as stopped and resumed."""
+UNKNOWN = "–"
 
 
-def print_status(
-    console: Console, tasks: list[Task], store: Store, out: Path, workers: int | None
-) -> None:
-    """One line a stage: done, running, failed or to do, with its time; then what they all took.
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `status`: the settings alone."""
 
-    Args:
-        workers: how many tasks ran side by side; None if `tasks` are a part of the study only.
-    """
-    busy = is_locked(out)
-    table = Table(title=f"{out}{' (a run is going on)' if busy else ''}", box=SIMPLE)
+
+def run(options: Options) -> int:
+    """Print one line for each stage, and what the stages cost."""
+    config, out, terminal = options.config, options.out, console()
+    if not out.is_dir():
+        raise BadInput(f"--out: there is no study in {out}; start one: python -m study.run all")
+    store = Store(out / "work")
+    chosen = select(cells(config), options.only)
+    records = record_tasks(config, store)
+    tasks = in_order(records[cell] for cell in chosen)
+    timings = [(task.stage, store.timing(task)) for task in tasks]
+    terminal.print(state_table(tasks, store, out))
+    terminal.print(cost_table(timings))
+    if not options.only:
+        duration = duration_line([timing for _, timing in timings], parallel_tasks(config, out))
+        if duration:
+            say(terminal, duration)
+    return 0
+
+
+def state_table(tasks: Sequence[Task], store: Store, out: Path) -> Table:
+    """One line a task: whether it is done, running, failed or to do, and its wall time."""
+    is_running = is_locked(out)
+    table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
         table.add_column(column, no_wrap=True)
     table.add_column("seconds", justify="right")
     total = 0.0
     for task in tasks:
-        state, seconds = _state(task, store, busy)
+        seconds = store.timing(task).get("seconds")
         total += seconds or 0.0
-        table.add_row(task.stage, task.label, state, _number(seconds, 1))
+        state = "done" if seconds is not None else _state(task, store, is_running)
+        table.add_row(task.stage, task.label, state, "" if seconds is None else f"{seconds:.1f}")
     table.add_section()
     table.add_row("all", "", "", f"{total:.1f}")
-    console.print(table)
-    timings = [(task.stage, store.timing(task)) for task in tasks]
-    console.print(usage.by_stage(timings))
-    if workers and (line := usage.in_all([timing for _, timing in timings], workers)):
-        console.print(line, soft_wrap=True)
+    return table
 
 
-def last_workers(config: Config, out: Path) -> int:
-    """How many tasks ran side by side, in the run that published the results."""
-    try:
-        return int(read_json(out / TIMINGS)["workers"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return workers(config.engine)
+def cost_table(timings: Sequence[tuple[str, Timing]]) -> Table:
+    """One line a stage: tasks, wall and CPU time, share of all wall time, largest peak memory.
 
-
-def write_timings(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
-    """``timings.json``: what each stage took, on what, and how the stages were run.
-
-    Seconds of wall time and of CPU time, and the peak of memory in bytes, where they are known.
-    These differ from run to run, so they are not part of ``study.json``.
+    Args:
+        timings: stage and cost of each task.
     """
-    timings = {task.name: store.timing(task) for task in tasks}
-
-    def each(quantity: str, digits: int | None = None) -> dict[str, float]:
-        found = {name: timing.get(quantity) for name, timing in timings.items()}
-        return {name: round(value, digits) for name, value in found.items() if value is not None}
-
-    write_json(
-        out / TIMINGS,
-        {
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-            "machine": f"{platform.system()} {platform.machine()}",
-            "engine": asdict(config.engine),
-            "workers": workers(config.engine),
-            "seconds": each("seconds", 3),
-            "cpu_seconds": each("cpu_seconds", 3),
-            "peak_memory": each("peak_memory"),
-        },
-    )
+    table = Table(title="cost of the stages", box=SIMPLE)
+    table.add_column("stage", no_wrap=True)
+    for column in ("tasks", "seconds", "CPU seconds", "share", "peak memory, MB"):
+        table.add_column(column, justify="right", no_wrap=True)
+    total = sum(timing.get("seconds", 0.0) for _, timing in timings)
+    for stage in dict.fromkeys(stage for stage, _ in timings):
+        costs = [timing for name, timing in timings if name == stage]
+        table.add_row(stage, *_cost_columns(costs, total))
+    table.add_section()
+    table.add_row("all", *_cost_columns([timing for _, timing in timings], total))
+    return table
 
 
-def _state(task: Task, store: Store, busy: bool) -> tuple[str, float | None]:
-    seconds = store.timing(task).get("seconds")
-    if seconds is not None:
-        return "done", float(seconds)
-    if busy and store.progress(task).exists():
+def duration_line(timings: Iterable[Timing], workers: int) -> str:
+    """How long the study took from first start to last end, and how busy the cores were.
+
+    Args:
+        timings: cost of every task of the study.
+        workers: how many tasks ran in parallel.
+
+    Returns:
+        one line; empty if a task has not run.
+    """
+    timings = list(timings)
+    if not timings or not all({"began", "seconds"} <= timing.keys() for timing in timings):
+        return ""
+    durations = _durations(timings)
+    if len(durations) > 1:
+        return f"it ran in {len(durations)} parts, {sum(durations):.0f} s in all"
+    line = f"{durations[0]:.0f} s from first start to last end"
+    cpu, threads = _sum(timings, "cpu_seconds"), {timing.get("threads", 0) for timing in timings}
+    cores = workers * int(threads.pop())
+    if cpu is None or threads or not cores:  # unknown, or not the same for all tasks
+        return line
+    busy = cpu / durations[0] / cores
+    return f"{line}; {cores} {'core' if cores == 1 else 'cores'}, {busy:.0%} busy"
+
+
+def _state(task: Task, store: Store, is_running: bool) -> str:
+    """The state of a task that is not done; a killed run may have left its progress file."""
+    if is_running and store.progress(task).exists():
         progress = read_progress(store.progress(task))
-        return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}", None
+        return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}"
     if store.failure(task).exists():
-        return f"failed: {store.failure(task).read_text().strip()}", None
-    return "to do", None
+        return f"failed: {store.failure(task).read_text().strip()}"
+    return "to do"
 
 
-def _overall(path: Path) -> dict[tuple[str, str, str, int, str], float]:
-    """The scores averaged over everything, by environment, level, model, seed and metric."""
-    if not path.exists():
-        return {}
-    scores = pd.read_parquet(path)
-    rows = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
-    keys = zip(rows.environment, rows.level, rows.model, rows.seed, rows.metric, strict=True)
-    return dict(zip(keys, rows.value, strict=True))
+def _cost_columns(timings: Sequence[Timing], total: float) -> list[str]:
+    """The columns after the name of the stage; `total` is the wall time of all stages."""
+    done = [timing for timing in timings if "seconds" in timing]
+    seconds, cpu = (_sum(done, quantity) for quantity in ("seconds", "cpu_seconds"))
+    peaks = [timing["peak_memory"] for timing in done if "peak_memory" in timing]
+    return [
+        f"{len(done)}" if len(done) == len(timings) else f"{len(done)} of {len(timings)}",
+        UNKNOWN if seconds is None else f"{seconds:.1f}",
+        UNKNOWN if cpu is None else f"{cpu:.1f}",
+        UNKNOWN if seconds is None or not total else f"{seconds / total:.0%}",
+        f"{max(peaks) / 1e6:.0f}" if peaks else UNKNOWN,
+    ]
 
 
-def _value(scores: dict[Any, float], cell: Cell, metric: str) -> float | None:
-    return scores.get((cell.environment, cell.level, cell.model, cell.seed, metric))
+def _sum(timings: Sequence[Timing], quantity: str) -> float | None:
+    """The sum over tasks; None if it is unknown for one of them."""
+    values = [timing.get(quantity) for timing in timings]
+    numbers = [float(value) for value in values if value is not None]
+    return sum(numbers) if numbers and len(numbers) == len(values) else None
 
 
-def _beta(record: Task, store: Store) -> str:
-    if "trained" not in record.inputs:
-        return ""
-    try:
-        beta = read_json(store.folder(record.inputs["trained"]) / "fit.json")["beta"]
-    except (OSError, ValueError, KeyError):
-        return "–"
-    return "" if beta is None else f"{beta:.2g}"
+def _durations(timings: Iterable[Timing]) -> list[float]:
+    """The seconds of each uninterrupted part of the study."""
+    starts = ((datetime.fromisoformat(t["began"]).timestamp(), t["seconds"]) for t in timings)
+    parts: list[tuple[float, float]] = []
+    for start, seconds in sorted(starts):
+        if parts and start - parts[-1][1] <= PAUSE:
+            parts[-1] = parts[-1][0], max(parts[-1][1], start + seconds)
+        else:
+            parts.append((start, start + seconds))
+    return [end - start for start, end in parts]
 
 
-def _number(value: float | None, digits: int) -> str:
-    if value is None:
-        return ""
-    return f"{value:.{digits}f}" if np.isfinite(value) else str(value)
+COMMAND = Command(
+    "status", "say what is done, running or failed, and what it cost", Options, run, DETAILS
+)

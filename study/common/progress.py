@@ -1,4 +1,4 @@
-"""The progress of a stage: one small file, rewritten, that other processes read."""
+"""The progress of a stage: a small file, written again and again, that another process reads."""
 
 import json
 import time
@@ -8,14 +8,17 @@ from typing import Any
 
 from study.common.files import replacing
 
+INTERVAL = 0.25
+"""Seconds between two reports, at least."""
+
 
 class Progress:
-    """Called by a stage with the fraction done, in [0, 1], and a message.
+    """A stage calls it with the fraction done, in [0, 1], and a message.
 
     Args:
-        path: the file to rewrite; None reports nothing.
-        start: fraction of the whole at which this part starts.
-        share: this part's share of the whole.
+        path: the file to write; None writes nothing.
+        start: fraction of the whole at which this part begins.
+        share: fraction of the whole that this part takes.
     """
 
     def __init__(self, path: Path | None = None, start: float = 0.0, share: float = 1.0) -> None:
@@ -24,27 +27,25 @@ class Progress:
 
     def __call__(self, fraction: float, message: str = "") -> None:
         now = time.monotonic()
-        if now - self._last < 0.25 and fraction < 1:
+        if now - self._last < INTERVAL and fraction < 1:
             return
         self._last = now
-        self._tell(self.start + self.share * min(fraction, 1.0), message)
+        self._report(self.start + self.share * min(fraction, 1.0), message)
 
     def part(self, start: float, end: float) -> "Progress":
-        """The progress of a part that covers the fractions `start` to `end`."""
+        """The progress of a part that takes from `start` to `end` of this one."""
         part = copy(self)
         part.start, part.share = self.start + self.share * start, self.share * (end - start)
         return part
 
-    def _tell(self, fraction: float, message: str) -> None:
-        if self.path is None:
-            return
-        state = {"fraction": fraction, "message": message}
-        with replacing(self.path) as temporary:
-            temporary.write_text(json.dumps(state))
+    def _report(self, fraction: float, message: str) -> None:
+        if self.path is not None:
+            with replacing(self.path) as temporary:
+                temporary.write_text(json.dumps({"fraction": fraction, "message": message}))
 
 
 def read_progress(path: Path) -> dict[str, Any]:
-    """The last reported ``fraction`` and ``message``; empty if there is none."""
+    """The last `{"fraction", "message"}` in the file; empty if there is none."""
     try:
         state = json.loads(path.read_text())
     except (OSError, ValueError):

@@ -1,15 +1,15 @@
-"""One checksum for every file of a results folder, in ``SHA256SUMS``.
+"""``SHA256SUMS``: the checksum of every file of a results folder.
 
-The report step writes it last. ``sha256sum -c SHA256SUMS`` reads it as well, with no Python.
+A run writes it last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
 """
 
 from pathlib import Path
 
 from study.common.errors import StudyError
-from study.common.files import sha256, write_text
+from study.common.files import read_checksums, sha256, write_checksums
+from study.results.folder import RUN_AGAIN
 
 NAME = "SHA256SUMS"
-# What the study leaves behind; work/ is scratch, and whatever else lies there is not the study's.
 FILES = (
     "claims.json",
     "claims.md",
@@ -19,77 +19,69 @@ FILES = (
     "trials.parquet",
 )
 FOLDERS = ("figures", "illustrations", "recordings", "tables", "weights")
+"""Files and folders of a study. Other files, such as notes and ``work/``, have no checksum."""
 
 
 def write(out: Path) -> None:
-    """Write the checksum of every file that is there; the same files give the same bytes."""
-    lines = [f"{sha256(out / name)}  {name}\n" for name in present(out)]
-    write_text(out / NAME, "".join(lines))
+    """Write the checksums of all files of the study; the same files give the same bytes."""
+    write_checksums(out / NAME, {name: sha256(out / name) for name in present(out)})
 
 
 def read(out: Path) -> dict[str, str]:
-    """The checksum of every file, by its name in the folder.
+    """The checksums, by file name relative to `out`.
 
     Raises:
-        StudyError: there are none, or they cannot be read.
+        StudyError: they are missing or cannot be read.
     """
+    path = out / NAME
     try:
-        lines = (out / NAME).read_text(encoding="utf-8").splitlines()
-        pairs = [line.split("  ", 1) for line in lines]
-        sums = {name: digest for digest, name in pairs}
+        return read_checksums(path)
     except FileNotFoundError:
-        raise StudyError(
-            f"{out / NAME} is missing; python -m study.run all writes it again"
-        ) from None
+        raise StudyError(f"{path} is missing; {RUN_AGAIN}") from None
     except (OSError, ValueError) as error:
-        raise StudyError(f"{out / NAME} is damaged: {error}") from None
-    if not sums:
-        raise StudyError(f"{out / NAME} is empty; python -m study.run all writes it again")
-    return sums
+        raise StudyError(f"{path} is damaged ({error}); {RUN_AGAIN}") from None
 
 
 def problems(out: Path) -> list[str]:
-    """What is not as it was written: one line a file, `damaged: …`, `missing: …`, `not listed: …`.
+    """The files that differ from ``SHA256SUMS``, one line each.
 
-    Nothing for a folder that has no results at all.
+    Lines begin with `damaged: `, `missing: ` or `not listed in SHA256SUMS: `. A folder without
+    results has no problems.
     """
-    there = present(out)
-    if not there:
+    names = present(out)
+    if not names:
         return []
     try:
-        sums = read(out)
+        checksums = read(out)
     except StudyError:
         return [f"{'damaged' if (out / NAME).exists() else 'missing'}: {out / NAME}"]
-    found = [f"missing: {out / name}" for name in sums if not (out / name).is_file()]
-    for name in there:
-        if name not in sums:
+    found = [f"missing: {out / name}" for name in checksums if not (out / name).is_file()]
+    for name in names:
+        if name not in checksums:
             found.append(f"not listed in {NAME}: {out / name}")
-        elif sha256(out / name) != sums[name]:
+        elif sha256(out / name) != checksums[name]:
             found.append(f"damaged: {out / name}")
     return sorted(found)
 
 
 def check(path: Path, out: Path) -> None:
-    """Check one file of a results folder before it is trusted.
+    """Check one file of a results folder before it is used.
 
     Raises:
-        StudyError: it is missing, is not listed, or is not what was written.
+        StudyError: it is missing, not listed, or damaged.
     """
     if not path.is_file():
-        raise StudyError(f"{path} is missing")
+        raise StudyError(f"{path} is missing; {RUN_AGAIN}")
     expected = read(out).get(path.relative_to(out).as_posix())
     if expected is None:
-        raise StudyError(f"{path} is not listed in {NAME}: it is none of the study's files")
+        raise StudyError(f"{path} is not listed in {NAME}, so it is not a file of the study")
     if sha256(path) != expected:
-        raise StudyError(
-            f"{path} is damaged: it is not what {NAME} says; restore it, "
-            "or make it again: python -m study.run all"
-        )
+        raise StudyError(f"{path} is damaged: it differs from its checksum in {NAME}; {RUN_AGAIN}")
 
 
 def present(out: Path) -> list[str]:
-    """The study's files in the folder, by name, in order. Hidden ones are not its own."""
-    found = [out / name for name in FILES]
-    found += [path for folder in FOLDERS for path in (out / folder).rglob("*")]
-    names = [path.relative_to(out) for path in found if path.is_file()]
+    """Names of the study's files in the folder, sorted. Hidden files are none of them."""
+    paths = [out / name for name in FILES]
+    paths += [path for folder in FOLDERS for path in (out / folder).rglob("*")]
+    names = [path.relative_to(out) for path in paths if path.is_file()]
     return sorted(name.as_posix() for name in names if not any(p[0] == "." for p in name.parts))

@@ -1,29 +1,35 @@
-"""A results folder by itself: its ``study.json`` has the settings, no configuration is needed."""
+"""A results folder: reading its ``study.json``, and checking that it can be written.
 
-from dataclasses import asdict, dataclass, fields, is_dataclass
+``study.json`` has all settings of the study, so a reader needs no configuration.
+"""
+
+import os
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from study.common.errors import BadInput, StudyError, nearest
 from study.common.files import read_json
+from study.config.convert import from_json
 from study.config.grid import Cell, among, cells
 from study.config.settings import Config
 from study.config.validation import check
 
-# A results folder of another format is not touched.
 FORMAT = 1
+"""Version of the layout of a results folder. Other versions are neither read nor overwritten."""
 STUDY = "study.json"
+RUN_AGAIN = "python -m study.run all writes it again"
 
 
 @dataclass(frozen=True)
-class Stored:
-    """What ``study.json`` says.
+class Results:
+    """The results folder of a study.
 
     Attributes:
-        out: the results folder.
-        config: the settings of the study. Where its stages ran is not kept.
+        out: the folder.
+        config: settings of the study; those of the engine have their defaults.
         complete: the cells that have results.
-        versions: what they were made with, by package.
+        versions: of Python and of the packages that made them, by name.
     """
 
     out: Path
@@ -32,10 +38,10 @@ class Stored:
     versions: dict[str, str]
 
     def cell(self, name: str, flag: str) -> Cell:
-        """The complete cell of that name.
+        """The complete cell called `name`.
 
         Raises:
-            BadInput: there is none; it says so of the command line's `flag`.
+            BadInput: there is none. The error names `flag`, the flag of the command line.
         """
         for cell in self.complete:
             if cell.name == name:
@@ -44,71 +50,99 @@ class Stored:
         raise BadInput(f"{flag}: {self.out} has no cell '{name}': {nearest(name, names)}")
 
     def weights(self, cell: Cell) -> Path:
-        """Where the fitted model of a cell is, if it has one of its own."""
+        """Path of the weights of a cell's model."""
         return self.out / "weights" / f"{cell.name}.safetensors"
 
-    def ships(self, cell: Cell) -> bool:
-        """Whether the study was told to publish that file."""
+    def has_weights(self, cell: Cell) -> bool:
+        """Whether the setting ``publish.weights`` asked for the weights of the cell."""
         return not cell.is_reference and among(cell, self.config.publish.weights)
 
 
-def read(out: Path) -> Stored:
-    """Read what a study left behind.
+def read(out: Path) -> Results:
+    """Read the ``study.json`` of a results folder.
 
     Raises:
         BadInput: there is no study, or one of another version.
-        StudyError: its ``study.json`` is damaged.
+        StudyError: ``study.json`` is damaged.
     """
     path = out / STUDY
     if not path.is_file():
-        raise BadInput(f"there is no study in '{out}': no {STUDY}{_near(out)}")
+        raise BadInput(f"there is no study in '{out}': no {STUDY}{_nearest_study(out)}")
     try:
         facts = read_json(path)
-        form = facts["format"]
-        if form != FORMAT:
-            raise BadInput(
-                f"{out} was made by another version (format {form}, this one reads {FORMAT})"
-            )
-        config = _build(Config, facts["settings"])
+        _check_format(out, facts["format"])
+        config = _settings(out, facts["settings"])
         by_name = {cell.name: cell for cell in cells(config)}
         complete = tuple(by_name[name] for name in facts["cells"])
         versions = {str(name): str(version) for name, version in facts["versions"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise StudyError(
-            f"{path} is damaged ({type(error).__name__}: {error}); restore it, "
-            f"or make it again: python -m study.run all"
-        ) from None
+        reason = f"{type(error).__name__}: {error}"
+        raise StudyError(f"{path} is damaged ({reason}); {RUN_AGAIN}") from None
     check(config)
-    return Stored(out, config, complete, versions)
+    return Results(out, config, complete, versions)
 
 
 def settings_of(config: Config) -> dict[str, Any]:
-    """All settings but where the stages ran: no number depends on that."""
+    """All settings as JSON, except those of the engine, on which no number depends."""
     settings = asdict(config)
     settings.pop("engine")
     return settings
 
 
-def _near(out: Path) -> str:
-    """The studies beside the folder that was asked for."""
-    there = sorted(str(path.parent) for path in out.parent.glob(f"*/{STUDY}"))
-    return f"; {nearest(str(out), there)}" if there else ""
+def check_writable(out: Path) -> None:
+    """Check that a results folder can be created or written to.
+
+    Raises:
+        BadInput: it cannot, or a study of another version is in it.
+    """
+    parent = out
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise _not_writable(out)
+    if (out / STUDY).exists():
+        try:
+            found = read_json(out / STUDY).get("format")
+        except (OSError, ValueError, AttributeError):
+            return  # it is damaged, and will be written again
+        _check_format(out, found)
 
 
-def _build(kind: Any, values: dict[str, Any]) -> Any:
-    """The settings in their dataclasses; one that is not given has its default."""
-    known = {entry.name: entry.default for entry in fields(kind)}
-    unknown = [name for name in values if name not in known]
-    if unknown:
+def create(out: Path) -> None:
+    """Create a results folder, unless it exists.
+
+    Raises:
+        BadInput: it cannot be created.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:  # a file system may refuse what permissions allow
+        raise _not_writable(out) from error
+
+
+def _check_format(out: Path, found: Any) -> None:
+    if found != FORMAT:
         raise BadInput(
-            f"the study was made by another version, which had a setting '{unknown[0]}'; "
-            "make it again: python -m study.run all"
+            f"{out} was made by another version of the study (its format is {found}, "
+            f"this version has {FORMAT}); give another folder"
         )
 
-    def convert(name: str, value: Any) -> Any:
-        default = known[name]
-        if is_dataclass(default):
-            return _build(type(default), value)
-        return tuple(value) if isinstance(default, tuple) else value
 
-    return kind(**{name: convert(name, value) for name, value in values.items()})
+def _settings(out: Path, values: Any) -> Config:
+    try:
+        return from_json(Config, values)
+    except BadInput as error:
+        raise BadInput(
+            f"{out} was made by another version of the study: {error}; run the study again: "
+            "python -m study.run all"
+        ) from None
+
+
+def _not_writable(out: Path) -> BadInput:
+    return BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
+
+
+def _nearest_study(out: Path) -> str:
+    """The studies beside the folder that was asked for, to end an error."""
+    others = sorted(str(path.parent) for path in out.parent.glob(f"*/{STUDY}"))
+    return f"; {nearest(str(out), others)}" if others else ""

@@ -1,0 +1,95 @@
+"""The table at the end of a run: a row a cell, with its β, its scores and the paper's."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from study.claims.paper import BRIER
+from study.commands.terminal import say
+from study.common.files import read_json
+from study.config.grid import Cell
+from study.config.settings import Config
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+Scores = Mapping[tuple[str, str, str, int, str], float]
+"""Scores by environment, level, model, seed and metric."""
+
+
+def print_table(
+    console: Console,
+    config: Config,
+    records: Mapping[Cell, Task],
+    store: Store,
+    errors: Mapping[Task, str],
+    out: Path,
+) -> None:
+    """Print β, MMD² and Brier score of every cell, and where the results are.
+
+    Args:
+        console: where to print.
+        config: settings of the study.
+        records: the last task of every cell.
+        store: the folders of the tasks.
+        errors: the error of every task that failed or was not run.
+        out: the results folder.
+    """
+    scores = _overall_scores(out / "scores.parquet")
+    title = f"{config.name}: MMD² and Brier scores (lower is better)"
+    table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("cell", no_wrap=True)
+    for column in ("β", "MMD²", "Brier", "oracle", "paper"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for cell, record in records.items():
+        mmd2, brier = (_score(scores, cell, metric) for metric in ("mmd2", "brier"))
+        oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
+        table.add_row(
+            cell.name,
+            "failed" if record in errors else _beta(record, store),
+            number(mmd2, 4),
+            number(brier, 3),
+            number(_score(scores, oracle, "brier"), 3),
+            number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
+        )
+    console.print(table)
+    for name in ("claims.md", "tables", "figures", "recordings"):
+        say(console, f"{name.removesuffix('.md'):11} {out / name}")
+    for task, error in errors.items():
+        say(console, f"FAILED {task.name}: {error}  log: {store.log(task)}")
+
+
+def number(value: float | None, digits: int) -> str:
+    """A number with so many decimals; None is empty."""
+    if value is None:
+        return ""
+    return f"{value:.{digits}f}" if np.isfinite(value) else str(value)
+
+
+def _overall_scores(path: Path) -> Scores:
+    """Scores aggregated over dimensions, steps and scenarios."""
+    if not path.exists():
+        return {}
+    scores = pd.read_parquet(path)
+    rows = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
+    keys = zip(rows.environment, rows.level, rows.model, rows.seed, rows.metric, strict=True)
+    return dict(zip(keys, rows.value, strict=True))
+
+
+def _score(scores: Scores, cell: Cell, metric: str) -> float | None:
+    return scores.get((cell.environment, cell.level, cell.model, cell.seed, metric))
+
+
+def _beta(record: Task, store: Store) -> str:
+    if "trained" not in record.inputs:
+        return ""
+    try:
+        beta: Any = read_json(store.folder(record.inputs["trained"]) / "fit.json")["beta"]
+    except (OSError, ValueError, KeyError):
+        return "–"
+    return "" if beta is None else f"{beta:.2g}"

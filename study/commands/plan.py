@@ -1,0 +1,45 @@
+"""Command `plan`: say what `all` would run, and why."""
+
+from dataclasses import dataclass
+
+from study.commands.command import Command, StudyOptions
+from study.commands.terminal import console, say
+from study.config.grid import cells, select
+from study.results.folder import check_writable
+from study.workflow.store import Store
+from study.workflow.task_cache import in_order, record_tasks
+
+DETAILS = """\
+Nothing runs and nothing is written. For each stage: up to date, missing, config changed (which
+setting), input changed, or damaged.
+
+examples
+  python -m study.run plan --config configs/paper.yaml
+  python -m study.run plan --vae.latent_size 4"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `plan`: the settings alone."""
+
+
+def run(options: Options) -> int:
+    """Print one line for each stage, and whether the results would be written."""
+    from study.results.publish import why_not_published
+
+    config, out, terminal = options.config, options.out, console()
+    store = Store(out / "work")
+    check_writable(out)
+    chosen = select(cells(config), options.only)
+    records = record_tasks(config, store)
+    states = {task: store.why_not(task) for task in in_order(records[cell] for cell in chosen)}
+    for task, why in states.items():
+        say(terminal, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
+    due = [task for task, why in states.items() if why is not None]
+    unpublished = why_not_published(config, records, store, out, due)
+    stages = f"{len(due)} of {len(states)} stages to run"
+    say(terminal, f"{stages}; results: {unpublished or 'up to date'}")
+    return 0
+
+
+COMMAND = Command("plan", "say what `all` would run, and for each stage why", Options, run, DETAILS)

@@ -1,0 +1,93 @@
+"""Command `all`: run what is not up to date, then publish the results."""
+
+from dataclasses import dataclass
+
+from rich.console import Console
+
+from study.commands.command import Command, StudyOptions
+from study.commands.display import run_displayed
+from study.commands.terminal import console, say
+from study.config.grid import cells, select
+from study.config.settings import Engine
+from study.results.folder import check_writable, create
+from study.workflow.engine import workers
+from study.workflow.lock import locked
+from study.workflow.store import Store
+from study.workflow.task import Task
+from study.workflow.task_cache import in_order, record_tasks, remember
+
+DETAILS = """\
+A stage is up to date if neither its settings nor its inputs changed. A run that was stopped goes on
+where it was. Results are written to OUT, and files of the stages to OUT/work.
+
+exit  0 if all is well, 1 if a stage failed (the other stages still run), 2 if the input is wrong
+
+examples
+  python -m study.run all
+  python -m study.run all --config configs/paper.yaml --engine.workers 8
+  python -m study.run all --grid.models all --grid.seeds '[0, 1]' --name mine
+  python -m study.run all --only 'uav/low/*' --tune.trials 12"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `all`: the settings alone."""
+
+
+def run(options: Options) -> int:
+    """Run the stages that are not up to date, publish, and print the final table."""
+    from study.commands.final_table import print_table
+    from study.results import checksums, timings
+    from study.results.publish import publish
+
+    config, out, terminal = options.config, options.out, console()
+    store = Store(out / "work")
+    chosen = select(cells(config), options.only)
+    check_writable(out)
+    records = record_tasks(config, store)
+    create(out)
+    with locked(out):
+        remember(config, records, store)
+        store.forget_progress()
+        tasks = in_order(records[cell] for cell in chosen)
+        due = {task: why for task in tasks if (why := store.why_not(task)) is not None}
+        for task, why in due.items():
+            if why.startswith("damaged"):
+                say(terminal, f"{task.name}: {why}; it is made again")
+        errors = run_due(list(due), config.engine, store, terminal) if due else {}
+        changed = publish(config, records, store, out)
+        if due or changed:
+            timings.write(in_order(records.values()), store, config, out)
+            checksums.write(out)
+        if not due:
+            news = (
+                "no stage to run, results written again" if changed else "everything is up to date"
+            )
+            say(terminal, f"{out}: {news}")
+        print_table(terminal, config, records, store, errors, out)
+    return 1 if errors else 0
+
+
+def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) -> dict[Task, str]:
+    """Say what will run, and run it.
+
+    Returns:
+        the error of every task that failed or was not run.
+    """
+    from study.models.gru import compiler
+
+    stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
+    at_a_time = min(workers(engine), len(due))
+    say(terminal, f"{stages} to run, {at_a_time} at a time; results in {store.root.parent}")
+    if compiler.find() is None:
+        say(terminal, "no C compiler: recurrent networks run in plain torch, at half the speed")
+    return run_displayed(due, engine, store, terminal)
+
+
+COMMAND = Command(
+    "all",
+    "run the study: whatever is not up to date, then tables, figures and recordings",
+    Options,
+    run,
+    DETAILS,
+)

@@ -1,0 +1,53 @@
+"""Writing to the terminal: the console, and a bar for work in this process."""
+
+import sys
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from study.common.progress import Progress
+
+FILE_WIDTH = 200
+"""Columns of text where the output is not a terminal, so that no table is cut."""
+
+
+def console() -> Console:
+    """A console on the present standard output, which tests and stages may redirect."""
+    width = None if sys.stdout.isatty() else FILE_WIDTH
+    return Console(file=sys.stdout, width=width, highlight=False, markup=False)
+
+
+def say(to: Console, line: str) -> None:
+    """Write a line, however long, without line breaks."""
+    to.print(line, soft_wrap=True)
+
+
+class Bar(Progress):
+    """The progress of work in this process: a bar in a terminal, nothing elsewhere.
+
+    Args:
+        to: where to show it.
+    """
+
+    def __init__(self, to: Console) -> None:
+        super().__init__()
+        self._bars = Bars(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            TimeRemainingColumn(),
+            console=to,
+            disable=not to.is_terminal,
+            transient=True,
+        )
+        self._bar = self._bars.add_task("", total=1.0)
+
+    def __enter__(self) -> "Bar":
+        self._bars.start()
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._bars.stop()
+
+    def _report(self, fraction: float, message: str) -> None:
+        self._bars.update(self._bar, completed=fraction, description=message)

@@ -1,0 +1,202 @@
+"""The files of a results folder about the whole study, written from the scores of its cells.
+
+These are ``study.json``, ``scores.parquet``, ``trials.parquet``, the verdicts on the claims,
+tables, figures, and ``recordings/study.rrd``. A cell that failed or has not run has no scores, and
+the tables show it as such.
+"""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from study import __version__
+from study.claims import report
+from study.claims.judge import judge
+from study.common.files import read_json, replacing, write_json, write_text
+from study.common.provenance import made_with, versions
+from study.config.grid import Cell
+from study.config.settings import Config
+from study.results.folder import FORMAT, STUDY, settings_of
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+VERSION = 5
+"""Raise it whenever the code changes what these files hold. They are then written again."""
+SCORES, TRIALS = "scores.parquet", "trials.parquet"
+CLAIMS, VERDICTS = "claims.json", "claims.md"
+RECORDING = Path("recordings") / "study.rrd"
+DOCUMENTS = {
+    "Brier scores": "tables/brier_*.md",
+    "Claims": VERDICTS,
+    "Scores": "tables/scores_*.md",
+}
+"""The text documents of the study's recording: title, and the files to show."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A whole study, without the recordings and weights of its cells.
+
+    Attributes:
+        config: its settings.
+        complete: the cells that have results, in the order of the grid.
+        failed: names of the cells that have none since a stage failed.
+        scores: of the complete cells, in their order, to single precision.
+        trials: of the searches for β of the complete cells.
+        versions: of Python and of the packages that made the results, by name.
+    """
+
+    config: Config
+    complete: Sequence[Cell]
+    failed: Sequence[str]
+    scores: pd.DataFrame
+    trials: pd.DataFrame
+    versions: Mapping[str, str]
+
+
+def collect(
+    config: Config, complete: Mapping[Cell, Task], failed: Sequence[str], store: Store
+) -> Summary:
+    """The summary of cells from their stages.
+
+    Args:
+        config: settings of the study.
+        complete: the last task of every cell that has results.
+        failed: names of the cells that failed.
+        store: the folders of the tasks.
+    """
+    tables = [
+        pd.read_parquet(store.folder(task.inputs["evaluation"]) / SCORES).assign(**asdict(cell))
+        for cell, task in complete.items()
+    ]
+    scores = pd.concat(tables, ignore_index=True)
+    columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
+    scores = single_precision(scores[[*columns, "value"]])
+    return Summary(config, list(complete), failed, scores, _trials(complete, store), versions())
+
+
+def single_precision(scores: pd.DataFrame) -> pd.DataFrame:
+    """Scores rounded to float32, since forecasts are float32 and more digits only fill the file.
+
+    The column stays float64, so that sums over it are in double precision.
+    """
+    return scores.assign(value=scores.value.astype(np.float32).astype(np.float64))
+
+
+def write(summary: Summary, out: Path) -> None:
+    """Write all files about the whole study. The recordings of the cells must be in `out`."""
+    _write_parquet(summary.scores, out / SCORES)
+    _write_parquet(summary.trials, out / TRIALS)
+    write_claims(summary.scores, out)
+    write_json(
+        out / STUDY,
+        {
+            "format": FORMAT,
+            "study": __version__,
+            "settings": settings_of(summary.config),
+            "cells": [cell.name for cell in summary.complete],
+            "failed": summary.failed,
+            "versions": summary.versions,
+        },
+    )
+    for folder in ("tables", "figures"):
+        shutil.rmtree(out / folder, ignore_errors=True)
+    plot(out)
+    _record(summary, out)
+
+
+def write_claims(scores: pd.DataFrame, out: Path) -> None:
+    """Write the verdict on every claim, as JSON and as a page."""
+    verdicts = judge(scores)
+    write_text(out / CLAIMS, report.to_json(verdicts))
+    write_text(out / VERDICTS, report.to_markdown(verdicts))
+
+
+def plot(out: Path) -> list[Path]:
+    """Write every table and figure, from the scores in `out` alone.
+
+    Returns:
+        their paths.
+    """
+    from paper_figs import (
+        base_rates,
+        beta,
+        calibration,
+        fig1_trajectories,
+        fig3_mmd,
+        mmd_by_dimension,
+        outcome_tables,
+        reliability,
+        score_tables,
+        tables_1_2_brier,
+        variance_ratio,
+    )
+
+    scripts = (
+        tables_1_2_brier,
+        outcome_tables,
+        score_tables,
+        fig1_trajectories,
+        fig3_mmd,
+        mmd_by_dimension,
+        reliability,
+        calibration,
+        variance_ratio,
+        beta,
+        base_rates,
+    )
+    return [path for script in scripts for path in script.draw(out)]
+
+
+def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
+    """Every trial of every search for β, one row each."""
+    rows: list[dict[str, Any]] = []
+    for cell, task in complete.items():
+        if "tuning" in task.inputs:
+            tuning = read_json(store.folder(task.inputs["tuning"]) / "tuning.json")
+            rows += [
+                asdict(cell)
+                | {name: trial[name] for name in ("number", "state", "beta")}
+                | {"value": trial["score"], "chosen": trial["beta"] == tuning["beta"]}
+                for trial in tuning["trials"]
+            ]
+    columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
+    return pd.DataFrame(rows, columns=[*columns, "chosen"])
+
+
+def _write_parquet(table: pd.DataFrame, path: Path) -> None:
+    numbers = list(table.select_dtypes("float64"))
+    with replacing(path) as temporary:
+        # Splitting numbers into streams of bytes puts the zeros of the single-precision values side
+        # by side, where they compress to nothing.
+        table.to_parquet(
+            temporary,
+            index=False,
+            compression="zstd",
+            use_dictionary=[name for name in table if name not in numbers],
+            use_byte_stream_split=numbers,
+        )
+
+
+def _record(summary: Summary, out: Path) -> None:
+    """Write the recording of the whole study, from the other files in `out`."""
+    from study.recording.study import record_study
+
+    properties = {
+        "study": summary.config.name,
+        "seeds": ", ".join(map(str, summary.config.grid.seeds)),
+        **made_with(),
+        "config": json.dumps(settings_of(summary.config), sort_keys=True),
+    }
+    documents = {
+        title: [path.read_text(encoding="utf-8") for path in sorted(out.glob(pattern))]
+        for title, pattern in DOCUMENTS.items()
+    }
+    texts = {title: "\n\n".join(parts) for title, parts in documents.items() if parts}
+    record_study(out / RECORDING, summary.scores, texts, properties)

@@ -1,0 +1,63 @@
+"""``timings.json``: what each stage of a study cost.
+
+Timings differ from run to run, so they are not in ``study.json``.
+"""
+
+import platform
+from collections.abc import Iterable
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+
+from study.common.files import read_json, write_json
+from study.config.settings import Config
+from study.workflow.engine import workers
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+NAME = "timings.json"
+PER_STAGE = {"seconds": 3, "cpu_seconds": 3, "peak_memory": 0}
+"""Quantities of each stage, and the decimals to which they are rounded."""
+
+
+def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
+    """Write what each task cost, and how the tasks were run.
+
+    Wall time and CPU time are in seconds, and peak memory in bytes. A quantity that was not
+    measured is left out.
+    """
+    costs = {task.name: store.timing(task) for task in tasks}
+    measured = {
+        quantity: {
+            name: round(cost[quantity], digits or None)
+            for name, cost in costs.items()
+            if quantity in cost
+        }
+        for quantity, digits in PER_STAGE.items()
+    }
+    facts = {
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "engine": asdict(config.engine),
+        "workers": workers(config.engine),
+    }
+    write_json(out / NAME, facts | measured)
+
+
+def join(folders: Iterable[Path], out: Path) -> None:
+    """Write the timings of studies that were run apart as those of one study."""
+    parts = [read_json(folder / NAME) for folder in folders]
+    merged = {
+        quantity: {name: value for part in parts for name, value in part[quantity].items()}
+        for quantity in PER_STAGE
+    }
+    finished = max(part["finished"] for part in parts)
+    write_json(out / NAME, parts[0] | {"finished": finished} | merged)
+
+
+def parallel_tasks(config: Config, out: Path) -> int:
+    """How many tasks ran in parallel in the run that published the results."""
+    try:
+        return int(read_json(out / NAME)["workers"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return workers(config.engine)

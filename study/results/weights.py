@@ -1,0 +1,70 @@
+"""Forecasters of a results folder's cells, from the weights in the folder."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+from study.common.errors import StudyError, nearest
+from study.config.grid import Cell
+from study.envs import Simulator
+from study.models import Forecaster, Model
+from study.models.checkpoints import load_model, save_model
+from study.models.oracle import Oracle
+from study.results import checksums
+from study.results.folder import Results
+
+
+def load_forecaster(results: Results, cell: Cell, simulator: Simulator) -> Forecaster:
+    """The forecaster of a cell.
+
+    Args:
+        results: the results folder.
+        cell: a complete cell.
+        simulator: the cell's real system, with the horizon of the study.
+
+    Raises:
+        StudyError: the weights are not published, missing or damaged.
+    """
+    if cell.model == "oracle":
+        return Oracle(simulator)
+    if cell.model == "ensemble":
+        return _load_ensemble(results, cell)
+    return load_model(_checked_path(results, cell))
+
+
+def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
+    """Write a cell's weights into a folder, under the name that the stage evaluate reads.
+
+    Raises:
+        StudyError: the weights are not published, missing or damaged.
+    """
+    if cell.model == "ensemble":
+        save_model(_load_ensemble(results, cell), "ensemble", folder / "ensemble.safetensors")
+    elif cell.model != "oracle":
+        shutil.copyfile(_checked_path(results, cell), folder / "model.safetensors")
+
+
+def _load_ensemble(results: Results, cell: Cell) -> Model:
+    """The ensemble alone. It has no file; every model that was fitted to its residuals holds it."""
+    for other in results.complete:
+        if results.has_weights(other) and replace(other, model="ensemble") == cell:
+            ensemble = getattr(load_model(_checked_path(results, other)), "ensemble", None)
+            if isinstance(ensemble, Model):
+                return ensemble
+    raise StudyError(
+        f"{results.out} has no weights of '{cell.name}': no model with an ensemble of this level "
+        "and seed is published (see the setting publish.weights)"
+    )
+
+
+def _checked_path(results: Results, cell: Cell) -> Path:
+    """The file of a cell's weights, checked against ``SHA256SUMS``."""
+    if not results.has_weights(cell):
+        published = [other.name for other in results.complete if results.has_weights(other)]
+        raise StudyError(
+            f"{results.out} has no weights of '{cell.name}' (see the setting publish.weights): "
+            f"{nearest(cell.name, published)}"
+        )
+    path = results.weights(cell)
+    checksums.check(path, results.out)
+    return path
