@@ -39,7 +39,7 @@ def build_model(name: str, config: Config, data: Trajectories) -> Any:
         data: gives the normalization.
     """
     torch.manual_seed(0)
-    normalization = Normalization.of(data)
+    normalization = Normalization.from_trajectories(data)
     config = replace(
         config,
         ensemble=replace(config.ensemble, teacher_forcing_fraction=0.0),

@@ -12,13 +12,13 @@ import pytest
 
 from paper_figs.pages.__main__ import outdated
 from paper_figs.pages.marks import pages
-from study.commands.parser import parse
 from study.common.files import read_json
 
 ROOT = Path(__file__).parents[2]
 PAGES = pages(ROOT)
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 LINK = re.compile(r"\]\(([^()\s]+)\)|<img src=\"([^\"]+)\"")
+CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -34,7 +34,7 @@ def _commands(text: str) -> list[list[str]]:
 
 def _anchors(text: str) -> set[str]:
     """What a link to a heading of the page may end in, by the rule of GitHub."""
-    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", CODE.sub("", text), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
@@ -44,7 +44,7 @@ def test_the_front_page_is_short() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_links_lead_to_files_and_headings(page: Path) -> None:
-    for link in map("".join, LINK.findall(page.read_text())):
+    for link in map("".join, LINK.findall(CODE.sub("", page.read_text()))):
         parts = urlsplit(link)
         if parts.scheme:
             continue
