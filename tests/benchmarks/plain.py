@@ -28,6 +28,7 @@ def plain(model: Model) -> Model:
     if isinstance(copy, VaeModel):
         copy.cvae = PlainCvae(copy.cvae)  # type: ignore[assignment]
     if isinstance(copy, ResidualVae):
+        assert copy.ensemble is not None
         copy.ensemble.members = PlainRnns(copy.ensemble.members)  # type: ignore[assignment]
         copy.ensemble.requires_grad_(False)
     return copy

@@ -12,6 +12,7 @@ import pytest
 
 from paper_figs.pages.__main__ import outdated
 from paper_figs.pages.marks import pages
+from study.commands.parser import parse
 from study.common.files import read_json
 
 ROOT = Path(__file__).parents[2]
