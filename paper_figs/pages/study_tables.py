@@ -168,13 +168,13 @@ def claims(study: Study) -> str:
     rows = []
     for claim in study.claims:
         if claim["section"] != "ours":
-            finding = claim["deciding"]
+            finding = claim["smallest_finding"]
             effect = (
                 _signed(float(finding["effect"]), float(finding["low"]), float(finding["high"]))
                 if finding
                 else NOTHING
             )
-            rows.append([claim["words"], claim["verdict"], effect])
+            rows.append([claim["text"], claim["verdict"], effect])
     return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
 
 

@@ -227,16 +227,16 @@ def test_claims_in_other_bytes_say_the_same(tmp_path: Path) -> None:
         return compare_files("claims", ours.parent, theirs.parent, "claims.*").ok
 
     claim: dict[str, object] = {
-        "words": "the first is lower",
+        "text": "the first is lower",
         "findings": [{"effect": 0.3, "seeds": 2}],
     }
     write_json(ours, [claim])
     assert compared([claim | {"findings": [{"effect": 0.3 * (1 + 1e-13), "seeds": 2}]}])
     assert not compared([claim | {"findings": [{"effect": 0.3 * (1 + 1e-6), "seeds": 2}]}])
     assert not compared([claim | {"findings": [{"effect": 0.3, "seeds": 3}]}])
-    assert not compared([claim | {"words": "the second is lower"}])
+    assert not compared([claim | {"text": "the second is lower"}])
     assert not compared([claim, claim])
-    assert not compared([{"words": claim["words"]}])
+    assert not compared([{"text": claim["text"]}])
     ours.write_text("[")
     assert why_other(ours, theirs) == "is no JSON any more"
 

@@ -1,4 +1,4 @@
-"""Scores of a study that was never run, with known averages."""
+"""Scores of a study that did not run, with known averages."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ AS_THE_PAPER = {
     ENSEMBLE: (0.12, 0.14),
     ORACLE: (0.0, 0.0),
 }
-"""MMD² of each model at the levels low and high on the Pusher, in the paper's order."""
+"""MMD² of each model on the Pusher at the levels low and high, ordered as in the paper."""
 
 
 def cell(
@@ -27,12 +27,12 @@ def cell(
     cell_number: int = 0,
     scenarios: int = 60,
     steps: int = 20,
-    spread: float = 0.02,
+    deviation: float = 0.02,
 ) -> pd.DataFrame:
-    """Rows of one cell, with the averages given and a spread over scenarios that seeds share."""
-    of_scenario = np.random.default_rng(7).normal(size=scenarios)
-    own = np.random.default_rng([seed, cell_number]).normal(size=scenarios)
-    noise = spread * (0.9 * of_scenario + 0.1 * own)
+    """Rows of one cell with known averages; seeds share most of the noise of a scenario."""
+    shared = np.random.default_rng(7).normal(size=scenarios)
+    independent = np.random.default_rng([seed, cell_number]).normal(size=scenarios)
+    noise = deviation * (0.9 * shared + 0.1 * independent)
     noise -= noise.mean()
     growth = np.sqrt(np.linspace(0.2, 2.0, steps))
     growth /= growth.mean()
@@ -58,12 +58,18 @@ def scores(
     mmd2: Mapping[str, tuple[float, float]] = AS_THE_PAPER,
     brier: Mapping[str, tuple[float, float]] | None = None,
     seeds: int = 3,
-    spread: float = 0.02,
+    deviation: float = 0.02,
 ) -> pd.DataFrame:
-    """Scores of the whole grid: by default everything that the paper says is so.
+    """Scores of the whole grid; by default all claims of the paper are true.
 
-    On the UAV each MMD² is half as large again. Brier scores are MMD² on the Pusher plus 0.05 (0.07
-    at the level high), unless given.
+    MMD² on the UAV is 1.5 times that on the Pusher. The default Brier score is MMD² on the Pusher
+    plus 0.05, or plus 0.07 at the level high.
+
+    Args:
+        mmd2: MMD² of each model on the Pusher, at the levels low and high.
+        brier: the same of the Brier score, on both environments.
+        seeds: number of training seeds.
+        deviation: standard deviation over scenarios.
     """
     cells: list[pd.DataFrame] = []
     for environment in ENVIRONMENTS:
@@ -74,7 +80,7 @@ def scores(
                 ratio = np.exp(10 * averages[at])
                 for seed in range(seeds):
                     rows = cell(
-                        factor * averages[at], score, ratio, seed, len(cells), spread=spread
+                        factor * averages[at], score, ratio, seed, len(cells), deviation=deviation
                     )
                     cells.append(
                         rows.assign(environment=environment, level=level, model=model, seed=seed)
