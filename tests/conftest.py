@@ -1,4 +1,4 @@
-"""Studies that several tests look at. They change nothing in them, or take a copy."""
+"""Studies that several tests read. A test that changes one takes a copy."""
 
 import shutil
 from collections.abc import Callable
@@ -18,7 +18,7 @@ def smoke(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
 
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small study of the toys, run in this process and never stopped."""
+    """A study of the tutorial's environment and model, run in this process without interruption."""
     out = tmp_path_factory.mktemp("small") / "results"
     done = study("all", *SMALL, "--out", out)
     assert done.code == 0, done
@@ -27,7 +27,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def copied(small: Path, tmp_path: Path) -> Path:
-    """A copy of the small study, to be damaged."""
+    """A copy of the small study, to be changed or damaged."""
     return Path(shutil.copytree(small, tmp_path / "copied"))
 
 

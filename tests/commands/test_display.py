@@ -3,7 +3,7 @@
 import pytest
 
 from study.commands.display import EXPECTED, expectations
-from study.workflow.store import Task
+from study.workflow.task import Task
 
 
 def test_a_stage_is_expected_to_take_what_others_of_its_kind_took() -> None:

@@ -84,7 +84,7 @@ meter = Meter(); small = meter.read()["peak_memory"]
 during = np.ones(10_000_000); del during
 print(small, meter.read()["peak_memory"])
 """
-    if not meter._forget_peak():
+    if not meter._reset_peak():
         pytest.skip("this system does not tell the peak memory of a part of a process's life")
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
@@ -111,7 +111,7 @@ def test_every_task_leaves_its_numbers(small: Path) -> None:
     assert timings["workers"] == 1
     assert timings["cpu_seconds"].keys() == tasks
     assert min(timings["cpu_seconds"].values()) > 0
-    if meter._forget_peak():
+    if meter._reset_peak():
         assert timings["peak_memory"].keys() == tasks
         assert min(timings["peak_memory"].values()) > 10 * MEGABYTE
     text = study("status", *SMALL, "--out", small).out

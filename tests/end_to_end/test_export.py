@@ -11,7 +11,6 @@ import minari
 import numpy as np
 import pytest
 
-from study.commands.parser import parse
 from study.common.files import sha256
 from study.common.progress import Progress
 from study.data import minari as export
@@ -19,7 +18,7 @@ from study.data.trajectories import Trajectories
 from study.envs.gymnasium_env import SimulatorEnv
 from study.examples.cart import Cart
 from study.stages import collect
-from tests.helpers.running import ROOT, SMOKE, study
+from tests.helpers.running import ROOT, SMOKE, configuration, study
 
 ID = f"study/cart/smoke-v{Cart.version}"
 CART = [*SMOKE, "--plugins=[study.examples.cart]", "--collect.horizon=30"]
@@ -45,7 +44,7 @@ def dataset(root: Path, monkeypatch: pytest.MonkeyPatch) -> minari.MinariDataset
 def trajectories(tmp_path_factory: pytest.TempPathFactory) -> Trajectories:
     """What the study would train on."""
     out = tmp_path_factory.mktemp("collected")
-    settings = {"environment": "cart", "collect": asdict(parse(["all", *CART]).config.collect)}
+    settings = {"environment": "cart", "collect": asdict(configuration(*CART).collect)}
     collect.run(settings, {}, out, Progress())
     return Trajectories.load(out / "train.safetensors")
 

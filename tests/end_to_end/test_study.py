@@ -10,17 +10,16 @@ import pyarrow.parquet
 import pytest
 from safetensors.numpy import load_file
 
-from study.commands.parser import parse
 from study.common.files import read_json
 from study.config.grid import REFERENCES, Cell, cells
 from study.config.names import label
 from study.models.checkpoints import load_model
 from study.recording.integrity import check
 from study.recording.reading import properties
-from tests.helpers.running import SMALL, SMOKE, Done, files, published, study
+from tests.helpers.running import SMALL, SMOKE, Done, configuration, files, published, study
 from tests.recording.test_study import document, same_numbers
 
-GRID = cells(parse(["all", *SMOKE]).config)
+GRID = cells(configuration(*SMOKE))
 MODELS = [cell for cell in GRID if not cell.is_reference]
 VAES = [cell for cell in GRID if cell.model.endswith("vae")]
 LINE = re.compile(
@@ -146,7 +145,7 @@ def test_plan_and_status_of_a_finished_study(smoke: tuple[Path, Done]) -> None:
 
 def test_another_range_of_beta_runs_only_what_follows(smoke: tuple[Path, Done]) -> None:
     out, _ = smoke
-    before = parse(["all", *SMOKE]).config.tune.beta_high
+    before = configuration(*SMOKE).tune.beta_high
     due = study("plan", *SMOKE, "--out", out, "--tune.beta_high", "0.5").due()
     stages = ("tune", "train", "evaluate", "record")
     assert set(due) == {f"{stage} {cell.name}" for stage in stages for cell in VAES}

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.commands.parser import parse
 from study.common.files import read_json
 from study.common.provenance import MANIFEST
 from study.config.convert import from_json
@@ -20,7 +19,7 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import in_order, record_tasks
 from study.workflow.worker import execute
-from tests.helpers.running import SMALL, SMOKE, Done
+from tests.helpers.running import SMALL, SMOKE, Done, configuration
 
 
 def _rows(states: np.ndarray) -> set[bytes]:
@@ -31,7 +30,7 @@ def _rows(states: np.ndarray) -> set[bytes]:
 def test_scenarios_of_training_validation_and_test_differ(
     smoke: tuple[Path, Done], environment: str
 ) -> None:
-    config = parse(["all", *SMOKE]).config
+    config = configuration(*SMOKE)
     data = Store(smoke[0] / "work").folder(Pipeline(config).collect(environment))
     train = Trajectories.load(data / "train.safetensors")
     validation = ScenarioSet.load(data / "validation.safetensors")
@@ -46,7 +45,7 @@ def test_scenarios_of_training_validation_and_test_differ(
 
 
 def test_level_high_is_a_part_of_low(smoke: tuple[Path, Done]) -> None:
-    config = parse(["all", *SMOKE, "--grid.seeds", "[0, 1, 2]"]).config
+    config = configuration(*SMOKE, "--grid.seeds", "[0, 1, 2]")
     pipeline = Pipeline(config)
     data = Store(smoke[0] / "work").folder(pipeline.collect("pusher"))
 
@@ -93,7 +92,7 @@ def _copy_without_test(small: Path, tmp_path: Path, tasks: list[Task]) -> Store:
 
 def test_what_learns_never_opens_the_test_set(small: Path, tmp_path: Path) -> None:
     whole = Store(small / "work")
-    config = parse(["all", *SMALL]).config
+    config = configuration(*SMALL)
     tasks = in_order(record_tasks(config, whole).values())
     store = _copy_without_test(small, tmp_path, tasks)
     learning = [task for task in tasks if task.stage in ("ensemble", "tune", "train")]

@@ -1,4 +1,4 @@
-"""Running the study in tests: in this process, or in one of its own; and comparing what it left."""
+"""Run commands in tests, in this process or another, and compare the files of results folders."""
 
 import io
 import os
@@ -9,16 +9,17 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from study.commands.parser import CONFIGS
+from study.commands.parser import parse
+from study.commands.settings import CONFIGS
 from study.common.files import sha256
+from study.config.settings import Config
 from study.run import main
 
 ROOT = CONFIGS.parent
 SMOKE = ["--config", str(CONFIGS / "smoke.yaml")]
-# Two environments of our own are known (`cart`, and `quicksand`, which can fail); one is used.
 SMALL = [
     *SMOKE,
-    "--plugins=[study.examples.cart, tests.helpers.quicksand]",
+    "--plugins=[study.examples.cart, study.examples.drift, tests.helpers.quicksand]",
     "--grid.environments=[cart]",
     "--grid.levels=[low]",
     "--grid.models=[full_vae, drift]",
@@ -27,18 +28,29 @@ SMALL = [
 ]
 
 
+"""A study of one environment, that of the tutorial, in this process. The environment `quicksand`,
+whose stages can fail, is registered as well."""
+
+
 @dataclass(frozen=True)
 class Done:
-    """How a command ended, and what it said."""
+    """The exit code and the output of a command."""
 
     code: int
     out: str
     err: str
 
     def due(self) -> dict[str, str]:
-        """Of a `plan`: why each stage that has to run has to, by `stage label`."""
+        """From the output of `plan`: why each stage has to run, by `stage label`."""
         lines = [line.split(maxsplit=2) for line in self.out.splitlines()[:-1]]
         return {f"{stage} {label}": why for stage, label, why in lines if why != "up to date"}
+
+
+def configuration(*flags: str) -> Config:
+    """The settings that a command line gives."""
+    _, options = parse(["all", *flags])
+    config: Config = options.config
+    return config
 
 
 def study(*arguments: object) -> Done:
@@ -50,7 +62,7 @@ def study(*arguments: object) -> Done:
 
 
 def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
-    """Start a command in a process of its own, which leads a group of its own."""
+    """Start a command in another process, which leads a group of processes."""
     return subprocess.Popen(
         [sys.executable, "-m", "study.run", *map(str, arguments)],
         cwd=ROOT,
@@ -59,17 +71,17 @@ def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_hear_interrupts,
+        preexec_fn=_restore_interrupts,
     )
 
 
-def _hear_interrupts() -> None:
-    """Where the tests run in the background a shell has them ignore Ctrl-C, and their children."""
+def _restore_interrupts() -> None:
+    """A shell starts background processes, and so the tests, with Ctrl-C ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def run(*arguments: object, **environment: str) -> Done:
-    """Run a command in a process of its own."""
+    """Run a command in another process."""
     process = start(*arguments, **environment)
     out, err = process.communicate()
     return Done(process.returncode, out, err)
@@ -86,12 +98,12 @@ def files(out: Path, *patterns: str) -> dict[str, str]:
 
 
 def results(out: Path) -> dict[str, str]:
-    """Those files that are byte for byte the same whenever and however the study was run."""
+    """The files whose bytes do not depend on when and how the study was run."""
     names = ("*.parquet", "claims.*", "study.json", "tables/*", "weights/**/*")
     return files(out, *names, "illustrations/**/*")
 
 
 def published(out: Path) -> dict[str, str]:
-    """What a reader of the results opens."""
+    """The files that a reader of the results opens."""
     names = ("*.parquet", "claims.*", "study.json", "tables/*", "figures/*")
     return files(out, *names, "weights/**/*", "illustrations/**/*", "recordings/**/*")
