@@ -27,7 +27,7 @@ import torch
 
 from study.common.arrays import Array
 from study.metrics.joint_mmd import joint_mmd
-from study.metrics.mmd import bandwidths, mmd, pooled, sensitivity, normalize
+from study.metrics.mmd import bandwidths, mmd, normalize, pooled, sensitivity
 from tests.benchmarks.report import save
 from tests.benchmarks.timing import cores
 
