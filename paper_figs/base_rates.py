@@ -1,6 +1,6 @@
 """How uncertain the test scenarios are: the histogram of their true probabilities of success.
 
-    python -m paper_figs.base_rates --results results/quick
+    python -m paper_figs.base_rates results/paper
 
 A true probability is the share of the observed rollouts of a scenario that succeed.
 """
@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from paper_figs.results import command, environments, read_scores
+from paper_figs.command import command
+from paper_figs.scores import environments, read_scores
 from study.common.arrays import Doubles
 from study.config.names import label
 from study.plotting import style
@@ -22,7 +23,7 @@ BINS = 10
 MIDDLE, ENDS = "#56B4E9", "#BBBBBB"
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/base_rates.png and .pdf into `results`, from its scores alone.
 
     Raises:
@@ -37,14 +38,14 @@ def draw(results: Path) -> list[Path]:
     ]
     # Every cell of an environment has been scored on the same rollouts.
     true = true.drop_duplicates(["environment", "scenario"])
-    return _draw(true, results / "figures" / "base_rates")
+    return _plot(true, results / "figures" / "base_rates")
 
 
-def _draw(true: pd.DataFrame, stem: Path) -> list[Path]:
+def _plot(true: pd.DataFrame, stem: Path) -> list[Path]:
     shown = environments(true)
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=1.9)
-        axes = drawing.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+        figure = style.figure(height=1.9)
+        axes = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
         for axis, environment in zip(axes, shown, strict=True):
             probability = true[true["environment"] == environment]["value"].to_numpy(np.float64)
             _panel(axis, probability)
@@ -57,7 +58,7 @@ def _draw(true: pd.DataFrame, stem: Path) -> list[Path]:
             )
             axis.set_xlabel("true probability of success")
         axes[0].set_ylabel("scenarios")
-        return style.save(drawing, stem)
+        return style.save(figure, stem)
 
 
 def _panel(axes: Axes, probability: Doubles) -> None:
@@ -73,4 +74,4 @@ def _panel(axes: Axes, probability: Doubles) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Histogram of the true probabilities of success."))
+    sys.exit(command(plot, "Histogram of the true probabilities of success."))

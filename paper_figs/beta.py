@@ -1,6 +1,6 @@
 """What β costs: each trial's validation score against its β, for every search.
 
-    python -m paper_figs.beta --results results/quick
+    python -m paper_figs.beta results/paper
 
 A filled mark is a trial that ran to its end; an open one was pruned, and shows its last score. A
 ring marks the β that was chosen.
@@ -14,13 +14,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from paper_figs.results import command, environments, levels, models
+from paper_figs.command import command
+from paper_figs.scores import environments, levels, models
 from study.common.errors import BadInput
 from study.config.names import label
 from study.plotting import style
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/beta.png and .pdf into `results`, from its trials.parquet.
 
     Nothing is written if no model was tuned.
@@ -32,15 +33,15 @@ def draw(results: Path) -> list[Path]:
     if not path.is_file():
         raise BadInput(f"{results} holds no trials.parquet: run `python -m study.run all` first")
     trials = pd.read_parquet(path)
-    return _draw(trials, results / "figures" / "beta") if len(trials) else []
+    return _plot(trials, results / "figures" / "beta") if len(trials) else []
 
 
-def _draw(trials: pd.DataFrame, stem: Path) -> list[Path]:
+def _plot(trials: pd.DataFrame, stem: Path) -> list[Path]:
     palette = style.colours(models(trials))
     columns, rows = environments(trials), levels(trials)
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=1.25 * len(rows) + 0.75)
-        grid = drawing.subplots(len(rows), len(columns), squeeze=False, sharex=True)
+        figure = style.figure(height=1.25 * len(rows) + 0.75)
+        grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex=True)
         for axes, level in zip(grid, rows, strict=True):
             for axis, environment in zip(axes, columns, strict=True):
                 here = (trials["environment"] == environment) & (trials["level"] == level)
@@ -49,10 +50,10 @@ def _draw(trials: pd.DataFrame, stem: Path) -> list[Path]:
             axes[0].set_ylabel("validation MMD²")
         for axis in grid[-1]:
             axis.set_xlabel("β")
-        drawing.legend(
+        figure.legend(
             handles=_legend(trials, palette), loc="outside lower center", ncols=3, handlelength=1.2
         )
-        return style.save(drawing, stem)
+        return style.save(figure, stem)
 
 
 def _panel(axes: Axes, trials: pd.DataFrame, palette: dict[str, str]) -> None:
@@ -94,4 +95,4 @@ def _legend(trials: pd.DataFrame, palette: dict[str, str]) -> list[Line2D]:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Validation score against β, for every search."))
+    sys.exit(command(plot, "Validation score against β, for every search."))

@@ -1,6 +1,6 @@
 """Coverage over the horizon, and PIT histograms, one figure for each environment.
 
-    python -m paper_figs.calibration --results results/quick
+    python -m paper_figs.calibration results/paper
 
 Above: the share of observed rollouts within the central 50, 80 and 90 % of the forecasts, averaged
 over scenarios, state dimensions and seeds, and, in black, what it should be. Below: where observed
@@ -20,7 +20,8 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from paper_figs.results import command, environments, levels, models, read_scores
+from paper_figs.command import command
+from paper_figs.scores import environments, levels, models, read_scores
 from study.config.names import ORACLE, label
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -30,7 +31,7 @@ INTERVALS = (50, 80, 90)
 DENSITIES = (0, 0.5, 1, 2, 4, 7, 10)
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/calibration_<environment>.png and .pdf into `results`, from its scores alone.
 
     Nothing is written for an environment whose scores hold no coverage.
@@ -49,19 +50,19 @@ def draw(results: Path) -> list[Path]:
     for environment in environments(rows):
         stem = results / "figures" / f"calibration_{environment}"
         own = rows[rows["environment"] == environment]
-        written += _draw_environment(own, environment, stem)
+        written += _plot_environment(own, environment, stem)
     return written
 
 
-def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     palette = style.colours(models(scores))
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=3.4)
-        above, below = drawing.subfigures(2, 1, squeeze=False, height_ratios=[1.25, 1])[:, 0]
+        figure = style.figure(height=3.4)
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.25, 1])[:, 0]
         _coverage(above, scores, environment, palette)
         _histograms(below, scores, environment, palette)
-        _legend(drawing, scores, palette)
-        return style.save(drawing, stem)
+        _legend(figure, scores, palette)
+        return style.save(figure, stem)
 
 
 def _cells(scores: pd.DataFrame, model: str) -> list[str]:
@@ -141,7 +142,7 @@ def _line(model: str, level: str) -> dict[str, Any]:
     return line | {"linewidth": 0.7 * line["linewidth"]}
 
 
-def _legend(drawing: Figure, scores: pd.DataFrame, palette: dict[str, str]) -> None:
+def _legend(figure: Figure, scores: pd.DataFrame, palette: dict[str, str]) -> None:
     handles = [
         Line2D([], [], color=palette[model], label=label(model), **style.line(model, "low"))
         for model in models(scores)
@@ -152,8 +153,8 @@ def _legend(drawing: Figure, scores: pd.DataFrame, palette: dict[str, str]) -> N
     ]
     handles.append(Line2D([], [], color="black", linewidth=0.6, label="calibrated"))
     ncols = style.columns(handles)
-    drawing.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Coverage over the horizon and PIT histograms, for each environment."))
+    sys.exit(command(plot, "Coverage over the horizon and PIT histograms, for each environment."))

@@ -1,6 +1,6 @@
 """Fig. 1 of the paper: forecast trajectories, separated into aleatoric and epistemic uncertainty.
 
-    python -m paper_figs.fig1_trajectories --results results/quick
+    python -m paper_figs.fig1_trajectories results/paper
 
 For each environment and level, one test scenario (that whose outcome is most uncertain) as the
 residual VAE sees it, or another model with an ensemble. Left, from above: what was observed (grey),
@@ -22,7 +22,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
-from paper_figs.results import command, in_order
+from paper_figs.command import command
+from paper_figs.scores import in_order
 from study.common.errors import BadInput
 from study.config.names import ENVIRONMENTS, LEVELS, RESIDUAL, label
 from study.data.storage import Arrays, load_arrays
@@ -43,7 +44,7 @@ class Illustration:
     facts: dict[str, Any]
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/overview_<environment>.png and .pdf into `results`, from its illustrations.
 
     Nothing is written for an environment that has none.
@@ -58,7 +59,7 @@ def draw(results: Path) -> list[Path]:
     written = []
     for environment in in_order({shown.environment for shown in found}, ENVIRONMENTS):
         shown = [one for one in found if one.environment == environment]
-        written += _draw(shown, results / "figures" / f"overview_{environment}")
+        written += _plot(shown, results / "figures" / f"overview_{environment}")
     return written
 
 
@@ -74,10 +75,10 @@ def _read(folder: Path) -> list[Illustration]:
     return sorted(chosen.values(), key=lambda one: (one.environment, ordered.index(one.level)))
 
 
-def _draw(shown: list[Illustration], stem: Path) -> list[Path]:
+def _plot(shown: list[Illustration], stem: Path) -> list[Path]:
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=1.75 * len(shown) + 0.45)
-        rows = drawing.subplots(len(shown), 2, squeeze=False, width_ratios=[1.0, 1.15])
+        figure = style.figure(height=1.75 * len(shown) + 0.45)
+        rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[1.0, 1.15])
         for (left, right), one in zip(rows, shown, strict=True):
             _paths(left, one)
             _variances(right, one)
@@ -86,14 +87,14 @@ def _draw(shown: list[Illustration], stem: Path) -> list[Path]:
             )
         rows[-1, 0].set_xlabel("x (m)")
         rows[-1, 1].set_xlabel("time (s)")
-        drawing.legend(
+        figure.legend(
             handles=_legend(),
             loc="outside lower center",
             ncols=3,
             handlelength=1.3,
             columnspacing=1.0,
         )
-        return style.save(drawing, stem)
+        return style.save(figure, stem)
 
 
 def _paths(axes: Axes, one: Illustration) -> None:
@@ -145,4 +146,4 @@ def _legend() -> list[Line2D | Patch]:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Forecasts split into aleatoric and epistemic: the paper's Fig. 1."))
+    sys.exit(command(plot, "Forecasts split into aleatoric and epistemic: the paper's Fig. 1."))

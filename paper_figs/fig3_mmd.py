@@ -1,6 +1,6 @@
 """Fig. 3 of the paper: MMD² over the forecasting horizon, one figure for each environment.
 
-    python -m paper_figs.fig3_mmd --results results/quick
+    python -m paper_figs.fig3_mmd results/paper
 
 Curves are averages over scenarios, state dimensions and seeds; bands are 95 % intervals by a
 bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are those of
@@ -19,7 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from paper_figs.results import command, environments, levels, models, read_scores
+from paper_figs.command import command
+from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
 from study.metrics.intervals import percentiles, resampled_means
@@ -34,7 +35,7 @@ RULER = {f"mmd2_shift_{shift}": f"{shift} sd" for shift in ("0.1", "0.3", "1")}
 TICKS = np.array([0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0])
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/mmd_<environment>.png and .pdf into `results`, from its scores alone.
 
     Raises:
@@ -46,7 +47,7 @@ def draw(results: Path) -> list[Path]:
     written = []
     for environment in environments(curves):
         stem = results / "figures" / f"mmd_{environment}"
-        written += _draw_environment(
+        written += _plot_environment(
             curves[curves["environment"] == environment],
             ruler[ruler["environment"] == environment],
             environment,
@@ -55,15 +56,15 @@ def draw(results: Path) -> list[Path]:
     return written
 
 
-def _draw_environment(
+def _plot_environment(
     curves: pd.DataFrame, ruler: pd.DataFrame, environment: str, stem: Path
 ) -> list[Path]:
     palette = style.colours(models(curves))
     counts = {}
     with mpl.rc_context(style.context()):
         # With many models the legend is high, and the curves are not to be low for it.
-        drawing = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
-        axes = drawing.subplots()
+        figure = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
+        axes = figure.subplots()
         for model in models(curves):
             for level in levels(curves):
                 values = _values(curves, environment, level, model)
@@ -74,7 +75,7 @@ def _draw_environment(
         _ruler(axes, ruler)
         _finish(axes, environment, counts)
         _legend(axes, counts, levels(curves), palette)
-        return style.save(drawing, stem)
+        return style.save(figure, stem)
 
 
 def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> Doubles | None:
@@ -140,10 +141,10 @@ def _legend(
         Line2D([], [], color="black", label=label(level), **style.line("", level))
         for level in shown
     ]
-    drawing = axes.get_figure(root=True)
-    assert drawing is not None
+    figure = axes.get_figure(root=True)
+    assert figure is not None
     ncols = style.columns(handles)
-    drawing.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
 
 
 def _signed_root(value: Doubles) -> Doubles:
@@ -155,4 +156,4 @@ def _signed_square(value: Doubles) -> Doubles:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "MMD² over the horizon, for each environment: the paper's Fig. 3."))
+    sys.exit(command(plot, "MMD² over the horizon, for each environment: the paper's Fig. 3."))

@@ -1,6 +1,6 @@
 """MMD² of each state dimension over the horizon, as heat maps, one figure for each environment.
 
-    python -m paper_figs.mmd_by_dimension --results results/quick
+    python -m paper_figs.mmd_by_dimension results/paper
 
 A map a model and level; rows are state dimensions, columns forecast steps, colours averages over
 scenarios and seeds. One scale serves all maps of a figure; it is spaced by the root, so it shows
@@ -18,8 +18,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
+from paper_figs.command import command
 from paper_figs.fig3_mmd import TICKS
-from paper_figs.results import command, environments, levels, models, read_scores
+from paper_figs.scores import environments, levels, models, read_scores
 from study.config.names import ORACLE, label
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -32,7 +33,7 @@ ROW = 0.066
 """Inches: the height of one dimension."""
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/mmd_by_dimension_<environment>.png and .pdf into `results`.
 
     Raises:
@@ -46,11 +47,11 @@ def draw(results: Path) -> list[Path]:
     for environment in environments(maps):
         stem = results / "figures" / f"mmd_by_dimension_{environment}"
         own = maps[maps["environment"] == environment]
-        written += _draw_environment(own, environment, stem)
+        written += _plot_environment(own, environment, stem)
     return written
 
 
-def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     names = list(dict.fromkeys(scores["dimension"]))
     order = sorted(models(scores), key=lambda model: model == ORACLE)
     tables = {
@@ -64,9 +65,9 @@ def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
     highest = max(float(np.nanmax(table.to_numpy())) for table in tables.values())
     norm = PowerNorm(0.5, 0, max(highest, float(TICKS[1])), clip=True)
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=0.7 + len(order) * (0.19 + ROW * len(names)))
+        figure = style.figure(height=0.7 + len(order) * (0.19 + ROW * len(names)))
         columns = len(levels(scores))
-        panels = drawing.subplots(len(order), columns, sharex=True, sharey=True, squeeze=False)
+        panels = figure.subplots(len(order), columns, sharex=True, sharey=True, squeeze=False)
         for level, column in zip(levels(scores), panels.T, strict=True):
             for model, axes in zip(order, column, strict=True):
                 if (model, level) in tables:
@@ -77,7 +78,7 @@ def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
             column[0].set_title(f"{label(level)}\n{label(order[0])}", loc="left", size=6.5, pad=2)
             column[-1].set_xlabel("forecast step")
         panels[0, 0].xaxis.set_major_locator(MaxNLocator(4, integer=True))
-        bar = drawing.colorbar(
+        bar = figure.colorbar(
             ScalarMappable(norm, COLOURS), ax=panels, location="bottom", aspect=45, pad=0.01
         )
         bar.ax.xaxis.set_major_locator(FixedLocator(TICKS[norm.vmax >= TICKS].tolist()))
@@ -85,9 +86,9 @@ def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
         bar.set_label(f"{label(environment)}: MMD² (no unit; lower is better)")
         bar.outline.set_visible(False)
         # Lay out once for both files: with so many labels it takes longer than to draw.
-        drawing.draw_without_rendering()
-        drawing.set_layout_engine("none")
-        return style.save(drawing, stem)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        return style.save(figure, stem)
 
 
 def _map(axes: Axes, table: pd.DataFrame, norm: PowerNorm) -> None:
@@ -108,4 +109,4 @@ def _map(axes: Axes, table: pd.DataFrame, norm: PowerNorm) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "MMD² of each state dimension over the horizon, as heat maps."))
+    sys.exit(command(plot, "MMD² of each state dimension over the horizon, as heat maps."))

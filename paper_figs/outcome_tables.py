@@ -1,6 +1,6 @@
 """How well each outcome is forecast: Brier score, skill, reliability and resolution.
 
-    python -m paper_figs.outcome_tables --results results/quick
+    python -m paper_figs.outcome_tables results/paper
 
 One table for each level of epistemic uncertainty. An outcome is a block of rows, the task itself
 first, with its base rate and the score of the climatology; a row is a forecaster. Skill is a ruler
@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from paper_figs.results import command, environments, forecasters, levels, read_scores
-from paper_figs.text import beyond, latex, number, title
+from paper_figs.command import command
+from paper_figs.formatting import beyond, latex, number, title
+from paper_figs.scores import environments, forecasters, levels, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
 from study.metrics.brier import skill
@@ -51,7 +52,7 @@ class Block:
     rows: tuple[Row, ...]
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write tables/outcomes_<environment>.md and .tex into `results`, from its scores alone.
 
     Raises:
@@ -251,4 +252,4 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Scores of every outcome, for each environment and level."))
+    sys.exit(command(plot, "Scores of every outcome, for each environment and level."))

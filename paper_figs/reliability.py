@@ -1,6 +1,6 @@
 """Reliability diagrams of the task's outcome, one figure for each environment.
 
-    python -m paper_figs.reliability --results results/quick
+    python -m paper_figs.reliability results/paper
 
 A point is a group of scenarios that were given about the same probability of success, ten or more
 of them for each seed: how often the task did succeed there, over what was forecast (see
@@ -22,7 +22,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from paper_figs.results import command, environments, levels, models, read_scores
+from paper_figs.command import command
+from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ENSEMBLE, ORACLE, label
 from study.metrics.reliability import BINS, group_of, reliability_curve
@@ -46,7 +47,7 @@ class Forecasts:
     """[S]."""
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/reliability_<environment>.png and .pdf into `results`, from its scores alone.
 
     Raises:
@@ -62,25 +63,25 @@ def draw(results: Path) -> list[Path]:
     for environment in environments(probabilities):
         stem = results / "figures" / f"reliability_{environment}"
         own = probabilities[probabilities["environment"] == environment]
-        written += _draw_environment(own, environment, stem)
+        written += _plot_environment(own, environment, stem)
     return written
 
 
-def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     palette = style.colours(models(scores))
     with mpl.rc_context(style.context()):
         shown = levels(scores)
         cells = [_forecasts(scores, environment, level) for level in shown]
         named = [model for model in models(scores) if any(model in cell for cell in cells)]
-        drawing, panels, strips = _layout(len(shown), len(named))
+        figure, panels, strips = _layout(len(shown), len(named))
         for level, cell, panel, strip in zip(shown, cells, panels, strips, strict=True):
             _background(panel, next(iter(cell.values())).observed.mean())
             for model, forecasts in cell.items():
                 _curve(panel, forecasts, model, palette[model])
             _histograms(strip, [cell.get(model) for model in named], [palette[m] for m in named])
             panel.set_title(f"{label(environment)}, {label(level)}", loc="left")
-        _legend(drawing, named, palette, _counts(cells))
-        return style.save(drawing, stem)
+        _legend(figure, named, palette, _counts(cells))
+        return style.save(figure, stem)
 
 
 def _forecasts(scores: pd.DataFrame, environment: str, level: str) -> dict[str, Forecasts]:
@@ -98,15 +99,15 @@ def _forecasts(scores: pd.DataFrame, environment: str, level: str) -> dict[str, 
 
 def _layout(columns: int, rows: int) -> tuple[Figure, list[Axes], list[Axes]]:
     """A panel a level, square if there are two, and under it a strip of histograms."""
-    drawing = style.figure(height=2.68 + STRIP * rows)
-    axes = drawing.subplots(
+    figure = style.figure(height=2.68 + STRIP * rows)
+    axes = figure.subplots(
         2, columns, sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, STRIP * rows]
     )
     for strip in axes[1]:
         strip.set_xlabel("forecast probability")
     axes[0, 0].set_ylabel("observed frequency")
     axes[1, 0].set_ylabel("forecasts")
-    return drawing, list(axes[0]), list(axes[1])
+    return figure, list(axes[0]), list(axes[1])
 
 
 def _background(axes: Axes, base: float) -> None:
@@ -162,7 +163,7 @@ def _counts(cells: list[dict[str, Forecasts]]) -> str:
     return f"{scenarios} scenarios, {seeds} training seed{'' if seeds == 1 else 's'}"
 
 
-def _legend(drawing: Figure, shown: list[str], palette: dict[str, str], counts: str) -> None:
+def _legend(figure: Figure, shown: list[str], palette: dict[str, str], counts: str) -> None:
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=palette[m], label=label(m), **style.line(m, "low")) for m in shown
     ]
@@ -171,7 +172,7 @@ def _legend(drawing: Figure, shown: list[str], palette: dict[str, str], counts: 
         Line2D([], [], color="black", linewidth=0.6, linestyle=":", label="base rate"),
         Patch(color=SHADE, label="beats base rate"),
     ]
-    drawing.legend(
+    figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=style.columns(handles),
@@ -183,4 +184,4 @@ def _legend(drawing: Figure, shown: list[str], palette: dict[str, str], counts: 
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Reliability diagrams of the task's outcome, for each environment."))
+    sys.exit(command(plot, "Reliability diagrams of the task's outcome, for each environment."))

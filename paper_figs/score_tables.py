@@ -1,6 +1,6 @@
 """Every score of every forecaster, beside what to compare it with.
 
-    python -m paper_figs.score_tables --results results/quick
+    python -m paper_figs.score_tables results/paper
 
 One table for each level of epistemic uncertainty: a row is a measure, a column a forecaster, the
 oracle (the floor) and the ensemble alone at the end. The ruler says how far off an MMD² is: what
@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from paper_figs.results import command, environments, forecasters, levels, read_scores
-from paper_figs.text import beyond, latex, number, title
+from paper_figs.command import command
+from paper_figs.formatting import beyond, latex, number, title
+from paper_figs.scores import environments, forecasters, levels, read_scores
 from study.config.names import ORACLE, label
 from study.metrics.intervals import Interval, interval
 from study.metrics.tables.table import select
@@ -56,7 +57,7 @@ Table = dict[str, dict[str, Entry]]
 """Measure, then forecaster."""
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write tables/scores_<environment>.md and .tex into `results`, from its scores alone.
 
     Raises:
@@ -200,4 +201,4 @@ def _notes(tables: dict[str, Table], marks: dict[str, float]) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Every score of every forecaster, for each environment and level."))
+    sys.exit(command(plot, "Every score of every forecaster, for each environment and level."))

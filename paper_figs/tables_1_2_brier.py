@@ -1,6 +1,6 @@
 """Tables I and II of the paper: Brier scores, ours with an interval and the paper's beside them.
 
-    python -m paper_figs.tables_1_2_brier --results results/quick
+    python -m paper_figs.tables_1_2_brier results/paper
 
 Rows are the levels of epistemic uncertainty, columns the models, then what to compare them with:
 the oracle (no forecast can do better), the ensemble alone, and the climatology (the base rate of
@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from paper_figs.results import (
-    command,
+from paper_figs.command import command
+from paper_figs.formatting import beyond, latex, title
+from paper_figs.scores import (
     environments,
     failed_cells,
     forecasters,
@@ -25,7 +26,6 @@ from paper_figs.results import (
     models,
     read_scores,
 )
-from paper_figs.text import beyond, latex, title
 from study.claims.paper import BRIER
 from study.config.names import LEVELS, ORACLE, label
 from study.metrics.intervals import Interval, interval
@@ -47,7 +47,7 @@ class Entry:
 Row = dict[str, Entry]
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write tables/brier_<environment>.md and .tex into `results`, from its scores alone.
 
     Raises:
@@ -214,4 +214,4 @@ def _notes(table: dict[str, Row]) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Brier scores, for each environment: the paper's Tables I and II."))
+    sys.exit(command(plot, "Brier scores, for each environment: the paper's Tables I and II."))

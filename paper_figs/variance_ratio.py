@@ -1,6 +1,6 @@
 """Predicted variance over the true one, over the horizon, one figure for each environment.
 
-    python -m paper_figs.variance_ratio --results results/quick
+    python -m paper_figs.variance_ratio results/paper
 
 A panel a model. Thick: aleatoric variance as forecast, over that of the simulator, the median over
 state dimensions, and shaded their range. Thin: the same of the total variance, for models with an
@@ -22,7 +22,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from paper_figs.results import command, environments, levels, models, read_scores
+from paper_figs.command import command
+from paper_figs.scores import environments, levels, models, read_scores
 from study.config.names import ORACLE, label
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -35,7 +36,7 @@ LIMITS = (1e-3, 1e3)
 THIN = 0.5
 
 
-def draw(results: Path) -> list[Path]:
+def plot(results: Path) -> list[Path]:
     """Write figures/variance_<environment>.png and .pdf into `results`, from its scores alone.
 
     Raises:
@@ -51,17 +52,17 @@ def draw(results: Path) -> list[Path]:
     for environment in environments(ratios):
         stem = results / "figures" / f"variance_{environment}"
         own = ratios[ratios["environment"] == environment]
-        written += _draw_environment(own, environment, stem)
+        written += _plot_environment(own, environment, stem)
     return written
 
 
-def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
+def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     palette = style.colours(models(scores))
     shown = [model for model in models(scores) if model != ORACLE] or [ORACLE]
     rows = (len(shown) + 1) // 2
     with mpl.rc_context(style.context()):
-        drawing = style.figure(height=0.7 + 1.15 * rows)
-        panels = drawing.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
+        figure = style.figure(height=0.7 + 1.15 * rows)
+        panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
         for at, (model, axes) in enumerate(zip(shown, panels.flat, strict=False)):
             _panel(axes, scores, environment, model, palette)
             if at + 2 >= len(shown):
@@ -70,11 +71,11 @@ def _draw_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
         _scales(panels[0, 0])
-        drawing.supylabel(
+        figure.supylabel(
             f"{label(environment)}: predicted / true variance", size=mpl.rcParams["axes.labelsize"]
         )
-        _legend(drawing, scores)
-        return style.save(drawing, stem)
+        _legend(figure, scores)
+        return style.save(figure, stem)
 
 
 def _panel(
@@ -126,7 +127,7 @@ def _scales(axes: Axes) -> None:
     axes.set_xlim(left=0)
 
 
-def _legend(drawing: Figure, scores: pd.DataFrame) -> None:
+def _legend(figure: Figure, scores: pd.DataFrame) -> None:
     handles: list[Line2D | Patch] = [
         Line2D(
             [], [], color="black", label=label(level), **style.line("", level) | {"linewidth": 1}
@@ -142,7 +143,7 @@ def _legend(drawing: Figure, scores: pd.DataFrame) -> None:
     if (scores["model"] == ORACLE).any():
         colour = style.COLOURS[ORACLE]
         handles.append(Line2D([], [], color=colour, label="oracle", **style.line(ORACLE, "low")))
-    drawing.legend(
+    figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=3,
@@ -153,4 +154,4 @@ def _legend(drawing: Figure, scores: pd.DataFrame) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(draw, "Predicted variance over the true one, for each environment."))
+    sys.exit(command(plot, "Predicted variance over the true one, for each environment."))

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from paper_figs.formatting import NOTHING, number
 from paper_figs.pages.marks import pipe_table
-from paper_figs.text import NOTHING, number
 from study.common.files import read_json
 from study.config.names import label
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from paper_figs.formatting import NOTHING, number, title
 from paper_figs.pages.marks import pipe_table
-from paper_figs.results import read_scores
-from paper_figs.text import NOTHING, number, title
+from paper_figs.scores import read_scores
 from study.claims.paper import BRIER
 from study.common.arrays import Doubles
 from study.common.files import read_json

@@ -124,34 +124,9 @@ def plot(out: Path) -> list[Path]:
     Returns:
         their paths.
     """
-    from paper_figs import (
-        base_rates,
-        beta,
-        calibration,
-        fig1_trajectories,
-        fig3_mmd,
-        mmd_by_dimension,
-        outcome_tables,
-        reliability,
-        score_tables,
-        tables_1_2_brier,
-        variance_ratio,
-    )
+    from paper_figs import all as scripts
 
-    scripts = (
-        tables_1_2_brier,
-        outcome_tables,
-        score_tables,
-        fig1_trajectories,
-        fig3_mmd,
-        mmd_by_dimension,
-        reliability,
-        calibration,
-        variance_ratio,
-        beta,
-        base_rates,
-    )
-    return [path for script in scripts for path in script.draw(out)]
+    return scripts.plot(out)
 
 
 def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:

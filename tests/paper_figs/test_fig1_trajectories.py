@@ -46,28 +46,28 @@ def test_overview_shows_both_parts(tmp_path: Path) -> None:
     folder = tmp_path / "illustrations" / "uav"
     illustration(folder / "low" / "residual_vae" / "seed-0.safetensors", 0.2)
     illustration(folder / "low" / "ensemble" / "seed-0.safetensors", 9.0)  # not this one
-    narrow = matplotlib.image.imread(fig1_trajectories.draw(tmp_path)[0])
+    narrow = matplotlib.image.imread(fig1_trajectories.plot(tmp_path)[0])
     illustration(folder / "low" / "residual_vae" / "seed-0.safetensors", 6.0)
-    first = fig1_trajectories.draw(tmp_path)
+    first = fig1_trajectories.plot(tmp_path)
     assert [path.name for path in first] == ["overview_uav.png", "overview_uav.pdf"]
     wide = matplotlib.image.imread(first[0])
     assert shade(wide, fig1_trajectories.EPISTEMIC) > 2 * shade(narrow, fig1_trajectories.EPISTEMIC)
     assert shade(narrow, fig1_trajectories.ALEATORIC) > shade(narrow, fig1_trajectories.EPISTEMIC)
     bytes_ = [path.read_bytes() for path in first]
-    assert [path.read_bytes() for path in fig1_trajectories.draw(tmp_path)] == bytes_
+    assert [path.read_bytes() for path in fig1_trajectories.plot(tmp_path)] == bytes_
 
 
 def test_overview_of_damaged_or_missing_illustrations(tmp_path: Path) -> None:
-    assert fig1_trajectories.draw(tmp_path) == []
+    assert fig1_trajectories.plot(tmp_path) == []
     path = tmp_path / "illustrations" / "uav" / "low" / "residual_vae" / "seed-0.safetensors"
     illustration(path, 1.0)
     flipped = bytearray(path.read_bytes())
     flipped[-9] ^= 1
     path.write_bytes(flipped)
     with pytest.raises(StudyError, match="damaged"):
-        fig1_trajectories.draw(tmp_path)
+        fig1_trajectories.plot(tmp_path)
     with pytest.raises(BadInput, match="no folder"):
-        fig1_trajectories.draw(tmp_path / "elsewhere")
+        fig1_trajectories.plot(tmp_path / "elsewhere")
 
 
 def test_beta_shows_every_search(tmp_path: Path) -> None:
@@ -91,14 +91,14 @@ def test_beta_shows_every_search(tmp_path: Path) -> None:
         for model in ("residual_vae", "full_vae")
     )
     trials.to_parquet(tmp_path / "trials.parquet")
-    picture, _ = beta.draw(tmp_path)
+    picture, _ = beta.plot(tmp_path)
     pixels = matplotlib.image.imread(picture)
     assert shade(pixels, "#0072B2") > 300
     assert shade(pixels, "#D55E00") > 300
     trials.iloc[:0].to_parquet(tmp_path / "trials.parquet")
-    assert beta.draw(tmp_path) == []
+    assert beta.plot(tmp_path) == []
     with pytest.raises(BadInput, match=r"no trials\.parquet"):
-        beta.draw(tmp_path / "elsewhere")
+        beta.plot(tmp_path / "elsewhere")
 
 
 def test_base_rates_are_those_of_the_scenarios(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_base_rates_are_those_of_the_scenarios(tmp_path: Path) -> None:
         }
     )
     pd.concat([rows, rows.assign(model="full_vae")]).to_parquet(tmp_path / "scores.parquet")
-    picture, _ = base_rates.draw(tmp_path)
+    picture, _ = base_rates.plot(tmp_path)
     pixels = matplotlib.image.imread(picture)
     middle, ends = shade(pixels, base_rates.MIDDLE), shade(pixels, base_rates.ENDS)
     assert middle / ends == pytest.approx(30 / 10, rel=0.35)

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from paper_figs import fig3_mmd, tables_1_2_brier
-from paper_figs.results import command, read_scores
+from paper_figs.scores import read_scores
 from study.common.errors import BadInput
 from study.common.files import write_json
 from study.config.names import FULL, MODELS
@@ -30,7 +30,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def drawn(results: Path) -> list[Path]:
-    return fig3_mmd.draw(results)
+    return fig3_mmd.plot(results)
 
 
 @pytest.fixture
@@ -67,22 +67,22 @@ def test_every_model_has_its_colour_in_the_figure(drawn: list[Path]) -> None:
 
 
 def test_figures_are_the_same_each_time(another: Path) -> None:
-    first = [path.read_bytes() for path in fig3_mmd.draw(another)]
-    assert [path.read_bytes() for path in fig3_mmd.draw(another)] == first
+    first = [path.read_bytes() for path in fig3_mmd.plot(another)]
+    assert [path.read_bytes() for path in fig3_mmd.plot(another)] == first
 
 
 def test_a_cell_that_was_not_run_is_told_from_one_that_failed(tmp_path: Path) -> None:
     table = scores(seeds=1)
     absent = (table.environment == "uav") & (table.model == FULL) & (table.level == "high")
     table[~absent].to_parquet(tmp_path / "scores.parquet")
-    uav = tables_1_2_brier.draw(tmp_path)[2].read_text()
+    uav = tables_1_2_brier.plot(tmp_path)[2].read_text()
     assert "| —<br>paper 0.327 |" in uav
     assert "— not run." in uav
     assert "failed" not in uav
 
 
 def test_brier_tables(results: Path) -> None:
-    written = tables_1_2_brier.draw(results)
+    written = tables_1_2_brier.plot(results)
     names = ["brier_pusher.md", "brier_pusher.tex", "brier_uav.md", "brier_uav.tex"]
     assert [path.name for path in written] == names
     pusher, pusher_tex, uav, uav_tex = (path.read_text() for path in written)
@@ -101,7 +101,7 @@ def test_brier_tables(results: Path) -> None:
 
 
 def test_latex_rows_have_the_columns_they_declare(results: Path) -> None:
-    text = tables_1_2_brier.draw(results)[1].read_text()
+    text = tables_1_2_brier.plot(results)[1].read_text()
     declared = re.search(r"begin\{tabular\}\{(\w+)\}", text)
     assert declared is not None
     lines = [line for line in text.splitlines() if line.endswith("\\\\")]
@@ -109,8 +109,8 @@ def test_latex_rows_have_the_columns_they_declare(results: Path) -> None:
 
 
 def test_an_environment_and_a_model_of_ones_own(another: Path) -> None:
-    assert [path.name for path in fig3_mmd.draw(another)] == ["mmd_toy.png", "mmd_toy.pdf"]
-    text = tables_1_2_brier.draw(another)[0].read_text()
+    assert [path.name for path in fig3_mmd.plot(another)] == ["mmd_toy.png", "mmd_toy.pdf"]
+    text = tables_1_2_brier.plot(another)[0].read_text()
     assert "Normalising flow" in text
     assert "paper" not in text
     assert "Full VAE" not in text
@@ -138,13 +138,13 @@ def test_nothing_to_draw_from_is_one_clear_line(tmp_path: Path, spoil: str) -> N
 
 
 def test_command_line(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command(tables_1_2_brier.draw, "", ["--results", str(results)]) == 0
+    assert command(tables_1_2_brier.plot, "", [str(results)]) == 0
     assert all(Path(line).is_file() for line in capsys.readouterr().out.splitlines())
 
 
 @pytest.mark.parametrize("script", ["mmd_curves", "brier_tables"])
 def test_command_line_without_results(tmp_path: Path, script: str) -> None:
-    line = [sys.executable, "-m", f"paper_figs.{script}", "--results", str(tmp_path / "none")]
+    line = [sys.executable, "-m", f"paper_figs.{script}", str(tmp_path / "none")]
     run = subprocess.run(line, capture_output=True, text=True, check=False)
     assert run.returncode == 2
     assert run.stderr.startswith("error: there is no folder")

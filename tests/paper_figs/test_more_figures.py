@@ -12,7 +12,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from paper_figs import calibration, mmd_by_dimension, variance_ratio
-from paper_figs.results import command
+from paper_figs.scores import command
 from study.common.errors import BadInput
 from study.config.names import FULL, ORACLE, RESIDUAL
 from study.metrics.tables.table import by_dimension_and_step
@@ -24,9 +24,9 @@ NAMES = ("heading", "speed", "battery")
 MMD2 = {RESIDUAL: (0.02, 0.05, 0.3), FULL: (0.3, 0.1, 0.6), ORACLE: (0.0, 0.0, -0.001)}
 SPREAD = {RESIDUAL: 1.2, FULL: 0.4, ORACLE: 1.0}
 SCRIPTS = {
-    "variance": variance_ratio.draw,
-    "mmd_by_dimension": mmd_by_dimension.draw,
-    "calibration": calibration.draw,
+    "variance": variance_ratio.plot,
+    "mmd_by_dimension": mmd_by_dimension.plot,
+    "calibration": calibration.plot,
 }
 
 
@@ -118,8 +118,8 @@ def test_an_environment_and_a_model_of_ones_own(another: Path, name: str) -> Non
 
 
 def test_maps_are_the_same_each_time(another: Path) -> None:
-    first = [path.read_bytes() for path in mmd_by_dimension.draw(another)]
-    assert [path.read_bytes() for path in mmd_by_dimension.draw(another)] == first
+    first = [path.read_bytes() for path in mmd_by_dimension.plot(another)]
+    assert [path.read_bytes() for path in mmd_by_dimension.plot(another)] == first
 
 
 def without(folder: Path, *starts: str) -> None:
@@ -129,18 +129,18 @@ def without(folder: Path, *starts: str) -> None:
 
 def test_results_without_coverage_leave_no_figure_of_calibration(another: Path) -> None:
     without(another, "coverage_", "pit_")
-    assert calibration.draw(another) == []
+    assert calibration.plot(another) == []
     assert not (another / "figures").exists()
 
 
 def test_results_without_the_aleatoric_ratio_show_the_total(another: Path) -> None:
-    with_both = variance_ratio.draw(another)[0]
+    with_both = variance_ratio.plot(another)[0]
     colour = to_rgb(style.colours(["normalising_flow"])["normalising_flow"])
     expected = near(with_both, colour)
     assert expected > 200
     without(another, "aleatoric_ratio")
     # Without an ensemble the two are equal: the same line.
-    assert near(variance_ratio.draw(another)[0], colour) == pytest.approx(expected, rel=0.1)
+    assert near(variance_ratio.plot(another)[0], colour) == pytest.approx(expected, rel=0.1)
 
 
 def test_infinite_scores_do_not_break_a_figure(another: Path) -> None:
@@ -149,7 +149,7 @@ def test_infinite_scores_do_not_break_a_figure(another: Path) -> None:
     table.loc[ratio & (table["step"] > 3), "value"] = np.inf
     table.loc[ratio & (table["step"] == 1), "value"] = np.nan
     table.to_parquet(another / "scores.parquet")
-    assert all(path.stat().st_size > 1000 for path in variance_ratio.draw(another))
+    assert all(path.stat().st_size > 1000 for path in variance_ratio.plot(another))
 
 
 @pytest.mark.parametrize("draw", SCRIPTS.values())
@@ -158,5 +158,5 @@ def test_nothing_to_draw_from_is_one_clear_line(
 ) -> None:
     with pytest.raises(BadInput, match="holds no scores"):
         draw(tmp_path)
-    assert command(draw, "", ["--results", str(tmp_path)]) == 2
+    assert command(draw, "", [str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

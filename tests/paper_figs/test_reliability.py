@@ -60,7 +60,7 @@ def results(scores: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture(scope="module")
 def drawn(results: Path) -> list[Path]:
-    return reliability.draw(results)
+    return reliability.plot(results)
 
 
 def entries(text: str, section: str) -> list[list[str]]:
@@ -82,11 +82,11 @@ def test_diagram_has_a_column_and_the_models_their_colours(drawn: list[Path]) ->
 
 def test_diagram_is_the_same_each_time(results: Path, drawn: list[Path]) -> None:
     first = [path.read_bytes() for path in drawn]
-    assert [path.read_bytes() for path in reliability.draw(results)] == first
+    assert [path.read_bytes() for path in reliability.plot(results)] == first
 
 
 def test_table_has_a_block_for_each_outcome(results: Path) -> None:
-    written = outcome_tables.draw(results)
+    written = outcome_tables.plot(results)
     assert [path.name for path in written] == ["outcomes_uav.md", "outcomes_uav.tex"]
     rows = entries(written[0].read_text(), "Low epistemic")
     forecasters = [row[1] for row in rows]
@@ -104,7 +104,7 @@ def test_table_has_a_block_for_each_outcome(results: Path) -> None:
 
 
 def test_table_gives_what_was_scored(scores: pd.DataFrame, results: Path) -> None:
-    rows = entries(outcome_tables.draw(results)[0].read_text(), "Low epistemic")
+    rows = entries(outcome_tables.plot(results)[0].read_text(), "Low epistemic")
     assert re.fullmatch(r"\*\*0\.\d{3}\*\* \[0\.\d{3}, 0\.\d{3}\]", rows[0][2])
     chosen = scores[(scores.level == "low") & (scores.dimension == "all") & (scores.step == -1)]
     means = chosen[chosen.scenario == -1].groupby(["model", "metric"]).value.mean()
@@ -119,7 +119,7 @@ def test_table_gives_what_was_scored(scores: pd.DataFrame, results: Path) -> Non
 
 
 def test_a_cell_that_failed_is_shown(results: Path) -> None:
-    text, latex = (path.read_text() for path in outcome_tables.draw(results))
+    text, latex = (path.read_text() for path in outcome_tables.plot(results))
     assert entries(text, "High epistemic")[1][1:] == ["full VAE", "—", "—", "—", "—"]
     assert "the cell failed or was not run" in text
     assert "full VAE & --- &  & ---" in latex
@@ -127,7 +127,7 @@ def test_a_cell_that_failed_is_shown(results: Path) -> None:
 
 
 def test_latex_is_whole(results: Path) -> None:
-    text = outcome_tables.draw(results)[1].read_text()
+    text = outcome_tables.plot(results)[1].read_text()
     assert text.count("\\begin{table*}") == text.count("\\end{table*}") == 2
     declared = re.findall(r"begin\{tabular\}\{(\w+)\}", text)
     lines = [line for line in text.splitlines() if line.endswith("\\\\")]
@@ -147,17 +147,17 @@ def test_headline_alone(scores: pd.DataFrame, tmp_path: Path) -> None:
         & ~scores.metric.isin(terms)
     ].assign(environment="toy")
     chosen.to_parquet(tmp_path / "scores.parquet")
-    assert [path.name for path in reliability.draw(tmp_path)] == [
+    assert [path.name for path in reliability.plot(tmp_path)] == [
         "reliability_toy.png",
         "reliability_toy.pdf",
     ]
-    text = outcome_tables.draw(tmp_path)[0].read_text()
+    text = outcome_tables.plot(tmp_path)[0].read_text()
     assert len(entries(text, "Low epistemic")) == 6
     assert "Resolution" not in text
     assert "1 training seed;" in text
 
 
-@pytest.mark.parametrize("draw", [reliability.draw, outcome_tables.draw])
+@pytest.mark.parametrize("draw", [reliability.plot, outcome_tables.plot])
 def test_nothing_to_draw_from(tmp_path: Path, draw: object) -> None:
     assert callable(draw)
     with pytest.raises(BadInput):
@@ -166,4 +166,4 @@ def test_nothing_to_draw_from(tmp_path: Path, draw: object) -> None:
 
 def test_scores_without_outcomes_draw_nothing(scores: pd.DataFrame, tmp_path: Path) -> None:
     scores.assign(metric="mmd2").to_parquet(tmp_path / "scores.parquet")
-    assert reliability.draw(tmp_path) == outcome_tables.draw(tmp_path) == []
+    assert reliability.plot(tmp_path) == outcome_tables.plot(tmp_path) == []

@@ -11,7 +11,7 @@ import pytest
 
 import paper_figs
 from paper_figs import outcome_tables, score_tables, tables_1_2_brier
-from paper_figs.text import latex, number
+from paper_figs.formatting import latex, number
 from study.config.names import FULL, ORACLE, RESIDUAL_CRPS
 from study.results import publish
 from tests.helpers.synthetic import AS_THE_PAPER, scores
@@ -33,7 +33,7 @@ def results(tmp_path: Path) -> Path:
 
 
 def test_rows_are_measures_and_columns_forecasters(results: Path) -> None:
-    written = score_tables.draw(results)
+    written = score_tables.plot(results)
     assert [path.name for path in written] == [
         "scores_pusher.md",
         "scores_pusher.tex",
@@ -54,7 +54,7 @@ def test_rows_are_measures_and_columns_forecasters(results: Path) -> None:
 
 
 def test_every_row_of_latex_has_as_many_columns(results: Path) -> None:
-    text = score_tables.draw(results)[1].read_text()
+    text = score_tables.plot(results)[1].read_text()
     tables = text.split("\\begin{tabular}{")[1:]
     for table in tables:
         declared = len(table.split("}")[0])
@@ -91,10 +91,10 @@ def test_a_study_draws_every_script_of_the_folder() -> None:
 def test_models_beyond_the_paper_are_marked(tables: ModuleType, tmp_path: Path) -> None:
     own = {RESIDUAL_CRPS: (0.01, 0.02)}
     scores({**AS_THE_PAPER, **own}, seeds=1).to_parquet(tmp_path / "scores.parquet")
-    markdown, tex = (path.read_text() for path in tables.draw(tmp_path)[:2])
+    markdown, tex = (path.read_text() for path in tables.plot(tmp_path)[:2])
     assert "esidual CRPS† |" in markdown
     assert "† Beyond the paper." in markdown
     assert "esidual CRPS\\textdagger{}" in tex
     assert "†" not in tex
     scores(seeds=1).to_parquet(tmp_path / "scores.parquet")
-    assert "†" not in tables.draw(tmp_path)[0].read_text()
+    assert "†" not in tables.plot(tmp_path)[0].read_text()

@@ -1,4 +1,4 @@
-"""How tables write numbers and words, in Markdown and in LaTeX."""
+"""Numbers and names in tables, for Markdown and LaTeX."""
 
 from collections.abc import Iterable
 
@@ -22,7 +22,7 @@ _LATEX = (
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with so many digits and a real minus; a dash for what is not known."""
+    """A number with `digits` decimals and a minus sign; a dash for None and NaN."""
     if value is None or np.isnan(value):
         return NOTHING
     if np.isinf(value):
@@ -34,18 +34,18 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def beyond(models: Iterable[str]) -> list[str]:
-    """The note on models that the paper does not have, where there are any."""
+    """A note on models beyond the paper, if there are any."""
     return ["† Beyond the paper."] if set(models) & set(BEYOND) else []
 
 
 def title(name: str) -> str:
-    """What a name is called, with a capital."""
+    """The label of a name, with a capital letter."""
     text = label(name)
     return text[:1].upper() + text[1:]
 
 
 def latex(text: str) -> str:
-    """Text as LaTeX wants it."""
+    """Text with the special characters of tables as LaTeX commands."""
     for plain, escaped in _LATEX:
         text = text.replace(plain, escaped)
     return text

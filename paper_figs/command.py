@@ -1,0 +1,32 @@
+"""The command line that all scripts of this folder share."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from study.common.errors import StudyError
+
+
+def command(
+    plot: Callable[[Path], list[Path]], about: str, arguments: Sequence[str] | None = None
+) -> int:
+    """Run a script on a folder of results, and print the paths of the files it writes.
+
+    Args:
+        plot: writes the files of the script.
+        about: what they show, for the help.
+        arguments: of the command line; those of the process if None.
+
+    Returns:
+        the exit code: that of the error, after one line on standard error, if there is one.
+    """
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("results", type=Path, help="results folder of a study: results/paper")
+    try:
+        for path in plot(parser.parse_args(arguments).results):
+            print(path)
+    except StudyError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
