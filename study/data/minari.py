@@ -1,49 +1,39 @@
-"""Training data in the format that offline-RL users share, Minari (https://minari.farama.org).
+"""Write a data set in the format of Minari, which offline RL shares (https://minari.farama.org).
 
-    python -m study.run export pusher
+`study.envs.minari_export` writes the training trajectories of an environment with it.
 
-In our own format or in Minari's, a data set loads in one line::
+Reading a data set takes one line::
 
-    trajectories = Trajectories.load(Path("results/quick/work/collect/…/train.safetensors"))
     dataset = minari.load_dataset("study/pusher/quick-v2")
 
-An episode is a trajectory as `SimulatorEnv` would have given it: the same observations, actions,
-rewards and ends. ``dataset.recover_environment()`` makes that environment, and nothing need be
-imported for it but what a `--plugins` of one's own registers. Metadata of an episode hold the
-``options`` with which ``reset`` begins that very trajectory, and ``unobserved`` [H], what acted on it.
-Metadata of the data set hold under ``study`` the facts of `Trajectories`: names, units, seed and
-versions; and the SHA-256 of the data file.
+``dataset.recover_environment()`` gives the environment. The metadata of an episode hold
+``options``, with which ``reset`` begins the same trajectory, and ``unobserved`` [H]. The metadata
+of the data set hold, under ``study``, the facts of `Trajectories` and the SHA-256 of the data file.
 """
 
 import tempfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
 
 from study.common.arrays import Booleans, Doubles, Floats
 from study.common.errors import BadInput, StudyError
 from study.common.files import sha256
-from study.common.progress import Progress
-from study.config.settings import Config
-from study.data.trajectories import Trajectories, joined
-from study.envs import Simulator, gymnasium_id
-from study.envs.gymnasium_env import SimulatorEnv
-from study.envs.observe import observe_training, real_system, trajectory_seeds
 
 DESCRIPTION = """\
-Trajectories of {environment}: a policy plans each on the noise-free system, and the noisy one \
-executes the plan open loop. Observations are the state, then the goal, in the units given under \
-"study"; actions are scaled to -1 and 1 at their bounds; the reward is 1 at the step at which the \
-goal first succeeds. Each episode's metadata have the options of `reset` that begin it again."""
+Trajectories of {environment}: a policy plans the actions of a trajectory on the noise-free \
+system, and the noisy system executes them open loop. An observation is the state and then the \
+goal, in the units given under "study". Actions are scaled so that their bounds are -1 and 1. The \
+reward is 1 at the step at which the goal is first reached. The metadata of an episode hold the \
+options with which `reset` begins the same trajectory."""
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """N trajectories as an agent would have met them.
+    """N trajectories of T steps, as stepping a Gymnasium environment gives them.
 
     Attributes:
         observations: [N, T+1, D + G] float32.
@@ -61,64 +51,34 @@ class Transitions:
 
 
 @dataclass(frozen=True)
-class Export:
-    """The training trajectories of one environment, on their way to a Minari data set.
+class DataSet:
+    """The name and the location of a data set.
 
     Attributes:
-        id: Minari's name for it: ``study/pusher/quick-v2``, of the environment, the configuration
-            and the version of the environment's numbers.
+        id: Minari's name for it, such as ``study/pusher/quick-v2``.
         root: folder of Minari data sets.
-        settings: of the stage collect.
     """
 
     id: str
     root: Path
-    settings: dict[str, Any]
 
     @property
     def folder(self) -> Path:
-        """Where it will be."""
+        """The data set's own folder."""
         return self.root / self.id
 
-    def write(self, progress: Progress) -> Trajectories:
-        """Simulate the trajectories, those that the stage collect observes, and write them.
 
-        The data set appears under its name only when it is whole.
-
-        Args:
-            progress: told how far it is.
-
-        Raises:
-            BadInput: the folder cannot be written.
-        """
-        simulator, _ = real_system(self.settings)
-        try:
-            _make_namespaces(self.folder)
-            trajectories = joined(observe_training(self.settings, progress.part(0.0, 0.7)))
-            # Minari does not list a folder whose name begins with a dot.
-            with tempfile.TemporaryDirectory(prefix=".", dir=self.folder.parent) as place:
-                new = Path(place, self.folder.name)
-                new.mkdir()
-                _write_data(new / "data", self.id, simulator, trajectories)
-                new.rename(self.folder)
-        except OSError as error:
-            raise BadInput(f"--to: cannot write to '{self.root}': {error}") from error
-        return trajectories
-
-
-def prepare(config: Config, environment: str, root: Path | None = None) -> Export:
-    """Look at all that can be wrong with an export, before anything is simulated.
+def new_data_set(identifier: str, root: Path | None = None) -> DataSet:
+    """Check that a data set can be written, before anything is simulated.
 
     Args:
+        identifier: Minari's name for it.
         root: folder of Minari data sets; None is Minari's own (``MINARI_DATASETS_PATH``).
 
     Raises:
-        BadInput: the environment is unknown, the data set is there already, or Minari cannot name
-            one after the configuration.
+        BadInput: Minari does not allow the name, or the data set exists.
         StudyError: Minari is not installed.
     """
-    settings = {"environment": environment, "collect": asdict(config.collect)}
-    simulator, _ = real_system(settings)
     try:
         import h5py  # noqa: F401
         import minari  # noqa: F401
@@ -126,94 +86,88 @@ def prepare(config: Config, environment: str, root: Path | None = None) -> Expor
         from minari.storage import get_dataset_path
     except ImportError:
         raise StudyError("Minari is not installed: pip install -e '.[minari]'") from None
-    identifier = f"study/{environment}/{config.name}-v{simulator.version}"
     try:
         parse_dataset_id(identifier)
     except ValueError:
         raise BadInput(
-            f"name: got '{config.name}'; a Minari data set's has letters, digits, - and _ alone"
+            f"name: got '{identifier}'; Minari allows letters, digits, - and _ in a name"
         ) from None
-    export = Export(identifier, (root or get_dataset_path()).absolute(), settings)
-    if export.folder.exists():
-        raise BadInput(
-            f"{export.folder} is there already; remove it, or give another --name or --to"
-        )
-    return export
+    data_set = DataSet(identifier, (root or get_dataset_path()).absolute())
+    if data_set.folder.exists():
+        raise BadInput(f"{data_set.folder} exists; remove it, or use another --name or --to")
+    return data_set
 
 
-def transitions(environment: SimulatorEnv, trajectories: Trajectories) -> Transitions:
-    """What stepping `environment` through each of `trajectories` would have given."""
-    states, goal = trajectories.states, trajectories.goal
-    count, horizon = trajectories.actions.shape[:2]
-    repeated = np.broadcast_to(goal[:, None], (count, horizon + 1, goal.shape[-1]))
-    # Of each state alone, as a trajectory of one step: [N, T].
-    reached = environment.simulator.outcome(states[:, 1:, None], goal[:, None])
-    truncations = np.zeros((count, horizon), np.bool_)
-    truncations[:, -1] = True
-    return Transitions(
-        observations=np.concatenate([states, repeated], axis=-1),
-        actions=environment.scaled(trajectories.actions),
-        rewards=(reached & (reached.cumsum(axis=1) == 1)).astype(np.float64),
-        terminations=np.zeros((count, horizon), np.bool_),
-        truncations=truncations,
-    )
+def create_parents(data_set: DataSet) -> None:
+    """Create the folders above a data set, which Minari calls namespaces."""
+    from minari.namespace import NAMESPACE_METADATA_FILENAME
+
+    for parent in (data_set.folder.parent, data_set.folder.parent.parent):
+        parent.mkdir(parents=True, exist_ok=True)
+        metadata = parent / NAMESPACE_METADATA_FILENAME
+        if not metadata.exists():
+            metadata.write_text("{}")
 
 
-def _write_data(
-    folder: Path, identifier: str, simulator: Simulator, trajectories: Trajectories
+def write(
+    data_set: DataSet,
+    environment: gymnasium.Env[Any, Any],
+    title: str,
+    transitions: Transitions,
+    options: Sequence[dict[str, Any]],
+    unobserved: Floats,
+    facts: dict[str, Any],
 ) -> None:
+    """Write a data set. Its folder has its final name only once it is complete.
+
+    Args:
+        data_set: name and location; `create_parents` has to come first.
+        environment: made by ``gymnasium.make``.
+        title: name of the environment in text.
+        transitions: of N trajectories.
+        options: N options with which ``reset`` begins the same trajectories.
+        unobserved: [N, H].
+        facts: see `Trajectories.facts`.
+    """
     import minari
     from minari.dataset.minari_storage import MinariStorage
 
-    wrapped = gymnasium.make(gymnasium_id(type(simulator)), horizon=trajectories.horizon)
-    environment = wrapped.unwrapped
-    assert isinstance(environment, SimulatorEnv)
-    storage = MinariStorage.new(
-        folder,
-        observation_space=wrapped.observation_space,
-        action_space=wrapped.action_space,
-        env_spec=wrapped.spec,
-        data_format="hdf5",  # what every version of Minari reads
-    )
-    storage.update_episodes(_episodes(transitions(environment, trajectories), trajectories))
-    storage.update_episode_metadata(
-        {"unobserved": unobserved} for unobserved in trajectories.unobserved
-    )
-    checksums = {path.name: sha256(path) for path in folder.glob("*.hdf5")}
-    storage.update_metadata(
-        {
-            "dataset_id": identifier,
-            "minari_version": minari.__version__,
-            "description": DESCRIPTION.format(environment=simulator.title),
-            "algorithm_name": "planned on the noise-free system, executed open loop",
-            "requirements": [f"mujoco=={trajectories.facts['versions']['mujoco']}"],
-            "study": trajectories.facts | {"sha256": checksums},
-        }
-    )
-    wrapped.close()
+    # Minari does not list a folder whose name begins with a dot.
+    with tempfile.TemporaryDirectory(prefix=".", dir=data_set.folder.parent) as parent:
+        folder = Path(parent, data_set.folder.name)
+        (folder / "data").mkdir(parents=True)
+        storage = MinariStorage.new(
+            folder / "data",
+            observation_space=environment.observation_space,
+            action_space=environment.action_space,
+            env_spec=environment.spec,
+            data_format="hdf5",  # Every version of Minari reads it.
+        )
+        storage.update_episodes(_episodes(transitions, options))
+        storage.update_episode_metadata({"unobserved": values} for values in unobserved)
+        checksums = {path.name: sha256(path) for path in (folder / "data").glob("*.hdf5")}
+        storage.update_metadata(
+            {
+                "dataset_id": data_set.id,
+                "minari_version": minari.__version__,
+                "description": DESCRIPTION.format(environment=title),
+                "algorithm_name": "planned on the noise-free system, executed open loop",
+                "requirements": [f"mujoco=={facts['versions']['mujoco']}"],
+                "study": facts | {"sha256": checksums},
+            }
+        )
+        folder.rename(data_set.folder)
 
 
-def _episodes(steps: Transitions, trajectories: Trajectories) -> Iterator[Any]:
+def _episodes(transitions: Transitions, options: Sequence[dict[str, Any]]) -> Iterator[Any]:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
-    seeds = trajectory_seeds(trajectories.facts["seed"], len(trajectories))
-    for row, (scenario, noise) in enumerate(zip(*seeds, strict=True)):
+    for row, reset_options in enumerate(options):
         yield EpisodeBuffer(
-            options={"scenario": scenario, "noise": noise},
-            observations=steps.observations[row],
-            actions=steps.actions[row],
-            rewards=steps.rewards[row],
-            terminations=steps.terminations[row],
-            truncations=steps.truncations[row],
+            options=reset_options,
+            observations=transitions.observations[row],
+            actions=transitions.actions[row],
+            rewards=transitions.rewards[row],
+            terminations=transitions.terminations[row],
+            truncations=transitions.truncations[row],
         )
-
-
-def _make_namespaces(folder: Path) -> None:
-    """The two folders above a data set, as Minari makes them."""
-    from minari.namespace import NAMESPACE_METADATA_FILENAME
-
-    for parent in (folder.parent, folder.parent.parent):
-        parent.mkdir(parents=True, exist_ok=True)
-        about = parent / NAMESPACE_METADATA_FILENAME
-        if not about.exists():
-            about.write_text("{}")

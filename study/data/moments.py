@@ -1,4 +1,4 @@
-"""Mean and standard deviation of more numbers than fit into memory."""
+"""Mean and standard deviation of arrays that do not fit into memory."""
 
 from collections.abc import Callable, Iterable
 
@@ -7,27 +7,28 @@ import numpy as np
 from study.common.arrays import Array, Doubles
 
 
-def moments(parts: Callable[[], Iterable[Array]]) -> tuple[Doubles, Doubles]:
+def moments(read_parts: Callable[[], Iterable[Array]]) -> tuple[Doubles, Doubles]:
     """Mean [D] and standard deviation [D] over all axes but the last, in double precision.
 
-    The sums run through the numbers in their order, so the result does not depend on how they are
-    parted, and is that of ``mean`` and ``std`` of the whole.
+    The sums run through the rows in their order. So the result does not depend on the division into
+    parts, and equals ``mean`` and ``std`` of the whole array bit for bit.
 
     Args:
-        parts: gives the numbers [..., D] part by part, the same each time: it is called twice.
+        read_parts: gives the array [..., D] part by part. It is called twice, and has to give the
+            same parts each time.
     """
-    count, total = _sum(parts, lambda rows: rows)
+    count, total = _sum(read_parts, lambda rows: rows)
     mean = total / count
-    _, squares = _sum(parts, lambda rows: np.square(rows - mean))
+    _, squares = _sum(read_parts, lambda rows: np.square(rows - mean))
     return mean, np.sqrt(squares / count)
 
 
 def _sum(
-    parts: Callable[[], Iterable[Array]], term: Callable[[Doubles], Doubles]
+    read_parts: Callable[[], Iterable[Array]], term: Callable[[Doubles], Doubles]
 ) -> tuple[int, Doubles]:
-    """Number of rows, and the sum of the terms [D]."""
+    """Number of rows, and the sum of their terms [D]."""
     count, total = 0, np.zeros(())
-    for part in parts():
+    for part in read_parts():
         terms = term(part.reshape(-1, part.shape[-1]).astype(np.float64))
         terms[0] += total
         total = terms.sum(axis=0)

@@ -1,6 +1,4 @@
-"""Standard units: every learned model works on states and actions of zero mean and unit scale.
-
-Pairs that an environment names are pairs first (`study.data.frames`)."""
+"""Normalised units: learned models work on states and actions of zero mean and unit variance."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,25 +8,29 @@ import torch
 from torch import Tensor
 
 from study.common.arrays import Floats, Integers
-from study.data.frames import rotating_pairs_of, turn
+from study.data.frames import rotating_pairs_of, to_fixed_frame
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
 
-# A component that does not vary (a constant wind, say) is left in its own units.
 SMALLEST_SCALE = 1e-6
-# Trajectories that are looked at together: bounds the memory.
-PART = 1000
+"""A component with a smaller standard deviation is constant. Its scale is one."""
+CHUNK = 1000
+"""Trajectories that are in memory together."""
 
 
 @dataclass(frozen=True)
 class Normalization:
     """Means and standard deviations over all trajectories and steps of a training set.
 
+    Rotating pairs are changed to the fixed frame before they are normalised.
+
     Attributes:
-        state_mean, state_scale: [D] float32.
-        action_mean, action_scale: [A] float32.
-        delta_std: [D] float32, standard deviation of s_{t+1} − s_t in standard units.
-        rotating_pairs: [P, 3] int64, the pairs and their angles.
+        state_mean: [D] float32, SI units.
+        state_scale: [D] float32, standard deviations of the states, SI units.
+        action_mean: [A] float32, SI units.
+        action_scale: [A] float32, standard deviations of the actions, SI units.
+        delta_std: [D] float32, standard deviations of s_{t+1} − s_t in normalised units.
+        rotating_pairs: [P, 3] int64, see `study.data.frames`.
     """
 
     state_mean: Floats
@@ -39,42 +41,42 @@ class Normalization:
     rotating_pairs: Integers
 
     @classmethod
-    def of(cls, trajectories: Trajectories) -> "Normalization":
-        """Measure a training set."""
+    def from_trajectories(cls, trajectories: Trajectories) -> "Normalization":
+        """The moments of a training set."""
         states, actions = trajectories.states, trajectories.actions
         pairs = rotating_pairs_of(trajectories.facts)
 
-        def level(part: Floats) -> Floats:
-            return turn(_copy(part), torch.from_numpy(pairs)).numpy()
+        def fixed(part: Floats) -> Floats:
+            return to_fixed_frame(_copy(part), torch.from_numpy(pairs)).numpy()
 
-        state_mean, state_scale = _measure(states, level)
+        state_mean, state_scale = _measure(states, fixed)
         action_mean, action_scale = _measure(actions)
-        _, delta_std = _measure(states, lambda part: np.diff(level(part), axis=1) / state_scale)
+        _, delta_std = _measure(states, lambda part: np.diff(fixed(part), axis=1) / state_scale)
         return cls(state_mean, state_scale, action_mean, action_scale, delta_std, pairs)
 
     def normalize_states(self, states: Floats) -> Tensor:
-        """[..., D] in SI units to standard units."""
-        level = turn(_copy(states), torch.from_numpy(self.rotating_pairs))
-        return _standard(level, self.state_mean, self.state_scale)
+        """States [..., D] in SI units to normalised units, in the fixed frame."""
+        fixed = to_fixed_frame(_copy(states), torch.from_numpy(self.rotating_pairs))
+        return _normalize(fixed, self.state_mean, self.state_scale)
 
     def normalize_actions(self, actions: Floats) -> Tensor:
-        """[..., A] in SI units to standard units."""
-        return _standard(_copy(actions), self.action_mean, self.action_scale)
+        """Actions [..., A] in SI units to normalised units."""
+        return _normalize(_copy(actions), self.action_mean, self.action_scale)
 
 
 def _copy(values: Floats) -> Tensor:
     return torch.from_numpy(np.array(values))
 
 
-def _standard(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
-    # In place: a large set is in memory once.
+def _normalize(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
+    # In place: a large data set is in memory once.
     return values.sub_(torch.from_numpy(mean)).div_(torch.from_numpy(scale))
 
 
 def _measure(
     values: Floats, change: Callable[[Floats], Floats] = lambda part: part
 ) -> tuple[Floats, Floats]:
-    """Mean and scale [D] of values [N, T, D], changed if so asked, part by part."""
-    starts = range(0, len(values), PART)
-    mean, scale = moments(lambda: (change(values[start : start + PART]) for start in starts))
+    """Mean [D] and scale [D] of `change(values)`, where values are [N, T, D]; chunk by chunk."""
+    starts = range(0, len(values), CHUNK)
+    mean, scale = moments(lambda: (change(values[start : start + CHUNK]) for start in starts))
     return mean.astype(np.float32), np.where(scale < SMALLEST_SCALE, 1.0, scale).astype(np.float32)

@@ -1,7 +1,7 @@
-"""Named arrays in one file: safetensors, with the facts about them in its header.
+"""Named arrays in one safetensors file, with facts about them in its header.
 
-A file may be larger than memory: it can be written part by part, and what is loaded stays in the
-file until it is looked at.
+A file may be larger than memory. It can be written part by part, and reading maps it, so that the
+system loads only the pages in use.
 """
 
 import hashlib
@@ -21,19 +21,29 @@ from study.common.arrays import Array
 from study.common.errors import StudyError
 
 Arrays = dict[str, Array]
-HEADER = "study"
+HEADER_KEY = "study"
+"""The entry of the safetensors metadata that holds the checksum and the facts."""
 TYPES = {
     **{f"{kind}{8 * size}": f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)},
     **{f"F{8 * size}": f"<f{size}" for size in (2, 4, 8)},
     "BOOL": "?",
 }
-PIECE = 2**20
+"""NumPy's types by their safetensors names."""
+READ_SIZE = 2**20
+"""Bytes that are hashed together."""
 NO_CHECKSUM = "0" * 64
+"""Stands in the header of an incomplete file; it is as long as a checksum."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where in a file an array is: from byte `start` on."""
+class Location:
+    """The location of an array in a file.
+
+    Attributes:
+        dtype: type of the numbers.
+        shape: shape of the array.
+        start: first byte.
+    """
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
@@ -41,106 +51,110 @@ class Place:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Length in bytes."""
         return self.dtype.itemsize * math.prod(self.shape)
 
 
 def save_arrays(path: Path, arrays: Arrays, facts: dict[str, Any] | None = None) -> None:
-    """Write `arrays` to `path`, with a checksum. The same arrays and facts give the same bytes."""
+    """Write arrays and a checksum to `path`. The same arrays and facts give the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
-        digest.update(_title(name, array.dtype, array.shape))
+        digest.update(_array_header(name, array.dtype, array.shape))
         digest.update(array.data if array.size else b"")
-    save_file(arrays, path, {HEADER: _about(digest.hexdigest(), facts)})
+    save_file(arrays, path, {HEADER_KEY: _header_entry(digest.hexdigest(), facts)})
 
 
 def save_parts(
     path: Path, parts: Iterable[Arrays], rows: int, facts: dict[str, Any] | None = None
 ) -> None:
-    """Write float32 arrays that come part by part; the same bytes as `save_arrays` of the whole.
+    """Write float32 arrays that are given part by part.
 
-    No more than one part is in memory, and `parts` may be made on the way.
+    The file has the same bytes as if `save_arrays` wrote all parts together. One part is in memory
+    at a time.
 
     Args:
         path: the file.
-        parts: the next rows (first axis) of every array.
-        rows: of all parts together.
-        facts: about the arrays.
+        parts: in each part the next rows (first axis) of every array.
+        rows: number of rows of all parts together.
+        facts: JSON values about the arrays.
 
     Raises:
-        ValueError: the parts do not fit together, or are not `rows` rows.
+        ValueError: the parts differ in shape, or their rows do not add up to `rows`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb+") as file:
-        places: dict[str, Place] = {}
+        locations: dict[str, Location] = {}
         shapes: dict[str, tuple[int, ...]] = {}
         done = 0
         for part in parts:
-            if not places:
+            if not locations:
                 shapes = {name: (rows, *array.shape[1:]) for name, array in part.items()}
-                places = _write_header(file, shapes, _about(NO_CHECKSUM, facts))
+                locations = _write_header(file, shapes, _header_entry(NO_CHECKSUM, facts))
             (length,) = {len(array) for array in part.values()}
             if done + length > rows or {n: (rows, *a.shape[1:]) for n, a in part.items()} != shapes:
-                raise ValueError(f"{path}: rows {done} to {done + length} do not fit the file")
+                raise ValueError(f"{path}: rows {done} to {done + length} do not fit its shapes")
             for name, array in part.items():
-                place = places[name]
-                file.seek(place.start + done * (place.size // rows))
-                file.write(np.ascontiguousarray(array, place.dtype).data if array.size else b"")
+                location = locations[name]
+                file.seek(location.start + done * (location.size // rows))
+                file.write(np.ascontiguousarray(array, location.dtype).data if array.size else b"")
             done += length
         if done != rows:
-            raise ValueError(f"{path}: {done} of {rows} rows")
-        # The header is first, and as long whatever the checksum: until here, it is a wrong one.
-        _write_header(file, shapes, _about(_checksum(file, places), facts))
+            raise ValueError(f"{path}: got {done} rows, expected {rows}")
+        # Until here the header holds `NO_CHECKSUM`, so an incomplete file cannot be read.
+        _write_header(file, shapes, _header_entry(_checksum(file, locations), facts))
 
 
 def load_arrays(path: Path) -> tuple[Arrays, dict[str, Any]]:
-    """The arrays in `path`, and the facts about them.
+    """Read the arrays in `path`, and the facts about them.
 
-    They are checked as a whole, then mapped: memory is taken for what is looked at, and the system
-    can take it back. What is written into them does not reach the file.
+    The checksum of the whole file is verified. Then the arrays are mapped copy-on-write: writing
+    into them does not change the file.
 
     Raises:
-        StudyError: the file is missing, is no whole file of ours, or is not what was written.
+        StudyError: the file is missing, incomplete or damaged, or another program wrote it.
     """
     try:
-        places, header = _read_header(path)
+        locations, header = _read_header(path)
         with path.open("rb") as file:
-            found = _checksum(file, places)
+            checksum = _checksum(file, locations)
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
     except (OSError, SafetensorError, ValueError, KeyError) as error:
         raise StudyError(f"cannot read {path}: {error}") from error
-    if header.get("sha256") != found or "facts" not in header:
-        raise StudyError(f"{path} is damaged: its numbers are not those that were written")
+    if header.get("sha256") != checksum or "facts" not in header:
+        raise StudyError(f"{path} is damaged: its checksum differs from the one in its header")
     arrays: Arrays = {
-        name: np.ndarray(place.shape, place.dtype, mapped, place.start)
-        for name, place in places.items()
+        name: np.ndarray(location.shape, location.dtype, mapped, location.start)
+        for name, location in locations.items()
     }
     return arrays, header["facts"]
 
 
 def load_parts(path: Path, name: str, rows: int) -> Iterator[Array]:
-    """One array, `rows` of its first axis at a time; no more is in memory. It is not checked."""
-    place = _read_header(path)[0][name]
-    row = np.dtype((place.dtype, place.shape[1:]))
+    """Read one array part by part, `rows` rows of its first axis at a time.
+
+    The checksum is not verified.
+    """
+    location = _read_header(path)[0][name]
+    row = np.dtype((location.dtype, location.shape[1:]))
     with path.open("rb") as file:
-        file.seek(place.start)
-        for start in range(0, place.shape[0], rows):
-            yield np.fromfile(file, row, min(rows, place.shape[0] - start))
+        file.seek(location.start)
+        for start in range(0, location.shape[0], rows):
+            yield np.fromfile(file, row, min(rows, location.shape[0] - start))
 
 
-def _about(checksum: str, facts: dict[str, Any] | None) -> str:
-    # One header entry only: safetensors does not keep the order of several.
+def _header_entry(checksum: str, facts: dict[str, Any] | None) -> str:
+    # A single entry, since safetensors does not keep the order of several.
     return json.dumps({"sha256": checksum, "facts": facts or {}}, sort_keys=True)
 
 
 def _write_header(
-    file: BinaryIO, shapes: Mapping[str, tuple[int, ...]], about: str
-) -> dict[str, Place]:
-    """The header that safetensors writes for float32 arrays of these shapes, and where they go."""
+    file: BinaryIO, shapes: Mapping[str, tuple[int, ...]], entry: str
+) -> dict[str, Location]:
+    """Write the header that safetensors gives float32 arrays of these shapes."""
     dtype = np.dtype(TYPES["F32"])
-    entries: dict[str, Any] = {"__metadata__": {HEADER: about}}
+    entries: dict[str, Any] = {"__metadata__": {HEADER_KEY: entry}}
     start = 0
     for name, shape in sorted(shapes.items()):
         end = start + dtype.itemsize * math.prod(shape)
@@ -150,21 +164,22 @@ def _write_header(
     text += b" " * (-len(text) % 8)
     file.seek(0)
     file.write(len(text).to_bytes(8, "little") + text)
-    return _places(entries, file.tell())
+    return _locations(entries, file.tell())
 
 
-def _read_header(path: Path) -> tuple[dict[str, Place], dict[str, Any]]:
-    """Where the arrays are, and our own entry."""
-    with safe_open(path, framework="np") as checked:  # the header is sound, the file as long
-        header = json.loads((checked.metadata() or {}).get(HEADER, "{}"))
+def _read_header(path: Path) -> tuple[dict[str, Location], dict[str, Any]]:
+    """The locations of the arrays, and the entry with checksum and facts."""
+    # safetensors verifies the header and the file's length.
+    with safe_open(path, framework="np") as checked:
+        header = json.loads((checked.metadata() or {}).get(HEADER_KEY, "{}"))
     with path.open("rb") as file:
         entries = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-        return _places(entries, file.tell()), header
+        return _locations(entries, file.tell()), header
 
 
-def _places(entries: Mapping[str, Any], base: int) -> dict[str, Place]:
+def _locations(entries: Mapping[str, Any], base: int) -> dict[str, Location]:
     return {
-        name: Place(
+        name: Location(
             np.dtype(TYPES[entry["dtype"]]),
             tuple(entry["shape"]),
             base + entry["data_offsets"][0],
@@ -174,21 +189,21 @@ def _places(entries: Mapping[str, Any], base: int) -> dict[str, Place]:
     }
 
 
-def _checksum(file: BinaryIO, places: Mapping[str, Place]) -> str:
-    """SHA-256 of names, types, shapes and numbers, as they are in the file."""
+def _checksum(file: BinaryIO, locations: Mapping[str, Location]) -> str:
+    """SHA-256 of the names, types, shapes and numbers in the file."""
     digest = hashlib.sha256()
-    for name, place in sorted(places.items()):
-        digest.update(_title(name, place.dtype, place.shape))
-        file.seek(place.start)
-        left = place.size
-        while left:
-            piece = file.read(min(left, PIECE))
-            if not piece:
+    for name, location in sorted(locations.items()):
+        digest.update(_array_header(name, location.dtype, location.shape))
+        file.seek(location.start)
+        remaining = location.size
+        while remaining:
+            block = file.read(min(remaining, READ_SIZE))
+            if not block:
                 raise ValueError("the file is too short")
-            digest.update(piece)
-            left -= len(piece)
+            digest.update(block)
+            remaining -= len(block)
     return digest.hexdigest()
 
 
-def _title(name: str, dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
+def _array_header(name: str, dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
     return f"{name} {dtype.str} {shape};".encode()

@@ -1,4 +1,4 @@
-"""What is observed: trajectories to learn from, and scenarios with many rollouts to score on."""
+"""Observed data: trajectories for training, and scenarios with many rollouts for scoring."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -16,12 +16,14 @@ from study.data.storage import Arrays, load_arrays, save_arrays, save_parts
 class Trajectories:
     """N observed trajectories, equation (1), in SI units.
 
+    No model sees the goal or the unobserved variables.
+
     Attributes:
         states: [N, T+1, D] float32; ``states[:, 0]`` is s_0.
         actions: [N, T, A] float32; ``actions[:, t]`` leads from s_t to s_{t+1}.
-        goal: [N, G] float32, what was asked for in each trajectory; no model sees it.
-        unobserved: [N, H] float32, what acted on each trajectory and no model sees.
-        facts: names, units, seeds and versions.
+        goal: [N, G] float32, the goal of each trajectory.
+        unobserved: [N, H] float32, the unobserved variables that acted on each trajectory.
+        facts: JSON values: names, units, seeds and versions.
     """
 
     states: Floats
@@ -54,10 +56,10 @@ class Trajectories:
 
     @classmethod
     def load(cls, path: Path) -> "Trajectories":
-        """Read what `save` or `save_all` wrote; what is not looked at stays in the file.
+        """Read what `save` or `save_all` wrote; arrays are mapped from the file.
 
         Raises:
-            StudyError: the file is missing, is not whole, or is damaged.
+            StudyError: the file is missing, incomplete or damaged.
         """
         arrays, facts = load_arrays(path)
         return cls(facts=facts, **arrays)
@@ -65,15 +67,17 @@ class Trajectories:
 
 @dataclass(frozen=True)
 class ScenarioSet:
-    """S scenarios, each observed K times: the truth that forecasts are compared with.
+    """S scenarios with K observed rollouts each, in SI units; forecasts are scored on these.
+
+    No model sees the goal or the unobserved variables.
 
     Attributes:
-        s0: [S, D] float32.
+        s0: [S, D] float32, initial states.
         actions: [S, T, A] float32.
-        goal: [S, G] float32, what is asked for in each scenario; no model sees it.
+        goal: [S, G] float32.
         observed: [S, K, T, D] float32, the states s_1 … s_T of K rollouts of the same s0, actions.
         unobserved: [S, K, H] float32.
-        facts: names, units, seeds and versions.
+        facts: JSON values: names, units, seeds and versions.
     """
 
     s0: Floats
@@ -103,10 +107,10 @@ class ScenarioSet:
 
     @classmethod
     def load(cls, path: Path) -> "ScenarioSet":
-        """Read what `save` or `save_all` wrote; what is not looked at stays in the file.
+        """Read what `save` or `save_all` wrote; arrays are mapped from the file.
 
         Raises:
-            StudyError: the file is missing, is not whole, or is damaged.
+            StudyError: the file is missing, incomplete or damaged.
         """
         arrays, facts = load_arrays(path)
         return cls(facts=facts, **arrays)
@@ -116,24 +120,24 @@ Observed = TypeVar("Observed", Trajectories, ScenarioSet)
 
 
 def save_all(path: Path, parts: Iterable[Observed], count: int) -> None:
-    """Write `count` trajectories or scenarios that come part by part: the bytes of `joined` ones.
+    """Write `count` trajectories or scenarios that are given part by part.
 
-    No more than one part is in memory.
+    The file has the same bytes as if all were saved together. One part is in memory at a time.
     """
-    ahead = iter(parts)
-    first = next(ahead)
-    save_parts(path, map(_arrays, chain([first], ahead)), count, first.facts)
+    iterator = iter(parts)
+    first = next(iterator)
+    save_parts(path, map(_arrays, chain([first], iterator)), count, first.facts)
 
 
-def joined(parts: Iterable[Observed]) -> Observed:
-    """All parts in one, in memory."""
-    whole = list(parts)
-    arrays = [_arrays(part) for part in whole]
-    one = {name: np.concatenate([each[name] for each in arrays]) for name in arrays[0]}
-    return type(whole[0])(facts=whole[0].facts, **one)
+def concatenate(parts: Iterable[Observed]) -> Observed:
+    """All parts in one object, in memory; it has the facts of the first part."""
+    parts = list(parts)
+    arrays = [_arrays(part) for part in parts]
+    whole = {name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]}
+    return type(parts[0])(facts=parts[0].facts, **whole)
 
 
 def _arrays(observed: Trajectories | ScenarioSet) -> Arrays:
-    """All but the facts, by name."""
+    """All attributes but the facts, by name."""
     names = [field.name for field in fields(observed) if field.name != "facts"]
     return {name: getattr(observed, name) for name in names}

@@ -1,20 +1,12 @@
-"""The real systems. Every module in this folder registers itself when it is imported."""
+"""The real systems. Importing the module of a system registers it."""
 
-import importlib
-import pkgutil
-
+from study.data.variables import Constant, Variable
+from study.envs import pusher, uav
 from study.envs.registration import gymnasium_id, register
-from study.envs.simulator import (
-    Episode,
-    Policy,
-    Rollout,
-    Scenarios,
-    Simulator,
-    Variable,
-    simulators,
-)
+from study.envs.simulator import Episode, Policy, Rollout, Scenarios, Simulator, simulators
 
 __all__ = [
+    "Constant",
     "Episode",
     "Policy",
     "Rollout",
@@ -22,10 +14,8 @@ __all__ = [
     "Simulator",
     "Variable",
     "gymnasium_id",
+    "pusher",
     "register",
     "simulators",
+    "uav",
 ]
-
-for _module in pkgutil.iter_modules(__path__):
-    if not _module.ispkg:
-        importlib.import_module(f"{__name__}.{_module.name}")

@@ -1,7 +1,9 @@
-"""Any simulator as a Gymnasium environment: the same dynamics, one trajectory, one step at a time.
+"""Every simulator as a Gymnasium environment: the same dynamics, one trajectory, step by step.
 
-import gymnasium, study.envs
-env = gymnasium.make("study/Pusher-v0", render_mode="rgb_array")
+::
+
+    import gymnasium, study.envs
+    env = gymnasium.make("study/Pusher-v0", render_mode="rgb_array")
 """
 
 from typing import Any
@@ -12,9 +14,12 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from study.common.arrays import Array, Doubles, Floats, Pixels
+from study.data.minari import Transitions
+from study.data.trajectories import Trajectories
+from study.data.variables import bounds
 from study.envs.rendering import drawing
 from study.envs.rendering.offscreen import renderer
-from study.envs.simulator import Episode, Scenarios, bounds, simulators
+from study.envs.simulator import Episode, Scenarios, simulators
 
 WIDTH, HEIGHT = 640, 480
 
@@ -22,27 +27,27 @@ WIDTH, HEIGHT = 640, 480
 class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
     """One trajectory of a simulator.
 
-    *Observation*, [D + G] float32: the state in SI units, then the goal. The simulator's tables say
-    what they hold.
+    *Observation*, [D + G] float32: the state, then the goal, in SI units. The simulator's `state`
+    and `goal` name the components.
 
-    *Action*, [A] float64: each component of the simulator's action, scaled so that −1 is its low
-    bound and 1 its high one; beyond counts as the bound.
+    *Action*, [A] float64: the components of the simulator's action, scaled so that their bounds are
+    −1 and 1. Values beyond these are clipped.
 
-    *Reward*: 1 at the step at which the goal first succeeds, otherwise 0. So the return is the
+    *Reward*: 1 at the step at which the goal is first reached, otherwise 0. So the return is the
     outcome whose probability the study forecasts.
 
-    *End*: an episode is truncated after the horizon, and nothing ends it before: a forecast covers
-    the whole horizon, whatever happens on the way.
+    *End*: an episode is truncated after the horizon. It never terminates before, since a forecast
+    covers the whole horizon.
 
-    *Info*: ``unobserved`` [H] float32, what no model sees; ``success``, whether the goal has succeeded.
+    *Info*: ``unobserved`` [H] float32, and ``success``, whether the goal has been reached.
 
-    *Reset*: ``options`` may give ``scenario`` and ``noise``, seeds of the batched simulator, to
-    repeat `simulator.sample_scenarios([scenario])` and `simulator.rollout(s0, actions, [noise])` exactly;
-    and ``noise: None`` is the nominal system.
+    *Reset options*: ``scenario`` and ``noise`` are seeds of the batched simulator. They repeat
+    ``simulator.sample_scenarios([scenario])`` and ``simulator.rollout(s0, actions, [noise])``
+    exactly. ``noise=None`` is the nominal system.
 
     Args:
-        simulator: name of a registered simulator.
-        horizon: control steps T; the environment's own if None.
+        simulator: registered name of the simulator.
+        horizon: control steps T; None is the simulator's own.
         render_mode: None or ``rgb_array``.
     """
 
@@ -54,11 +59,11 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         self.simulator = simulators[simulator](horizon)
         self.metadata = self.metadata | {"render_fps": 1 / self.simulator.control_step}
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode: got '{render_mode}'; it can be 'rgb_array' or None")
+            raise ValueError(f"render_mode: got '{render_mode}'; it must be 'rgb_array' or None")
         self.render_mode = render_mode
         low, high = bounds((*self.simulator.state, *self.simulator.goal))
         self.observation_space = Box(low.astype(np.float32), high.astype(np.float32))
-        # Float64, so that an action in SI units comes back from its scaled form exactly.
+        # Float64, so that scaling an action and scaling it back gives the same float32.
         size = (len(self.simulator.action),)
         self.action_space = Box(-1.0, 1.0, size, np.float64)
         self._low, self._high = bounds(self.simulator.action)
@@ -70,25 +75,25 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """A new scenario, drawn from the seed or named by `options`."""
+        """Begin a new scenario, sampled with `seed` or named by `options`."""
         super().reset(seed=seed)
-        drawn = self.np_random.integers(2**64, size=2, dtype=np.uint64)
-        seeds = {"scenario": drawn[0], "noise": drawn[1]} | (options or {})
+        sampled = self.np_random.integers(2**64, size=2, dtype=np.uint64)
+        seeds = {"scenario": sampled[0], "noise": sampled[1]} | (options or {})
         if unknown := seeds.keys() - {"scenario", "noise"}:
             raise ValueError(f"options: got {sorted(unknown)}; allowed are 'scenario' and 'noise'")
         noise = seeds["noise"]
         self._scenario = self.simulator.sample_scenarios(np.array([seeds["scenario"]], np.uint64))
         self._state = self._scenario.s0
-        self._episode = self.simulator.start(
+        self._episode = self.simulator.start_episode(
             self._state, None if noise is None else np.array([noise], np.uint64)
         )
         self._steps, self._success = 0, False
         return self._observation(), self._info()
 
     def step(self, action: Array) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Hold the action for one control step."""
+        """Hold the action [A] for one control step."""
         if self._episode is None:
-            raise RuntimeError("reset the environment before its first step")
+            raise RuntimeError("call reset before the first step")
         self._state = self._episode.step(self.physical(action)[None])
         self._steps += 1
         reached = bool(self.simulator.outcome(self._state[:, None], self._scenario.goal)[0])
@@ -98,20 +103,37 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         return self._observation(), reward, False, truncated, self._info()
 
     def physical(self, action: Array) -> Floats:
-        """Actions [..., A] in SI units, of scaled ones [..., A]."""
+        """Scaled actions [..., A] to SI units."""
         middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
-        return self.simulator.bounded(middle + half * np.asarray(action, np.float64))
+        return self.simulator.clip_actions(middle + half * np.asarray(action, np.float64))
 
     def scaled(self, action: Floats) -> Doubles:
-        """Actions [..., A] between −1 and 1, of those in SI units [..., A]."""
+        """Actions [..., A] in SI units to scaled ones, between −1 and 1."""
         middle, half = (self._high + self._low) / 2, (self._high - self._low) / 2
         return np.asarray(np.clip((action.astype(np.float64) - middle) / half, -1.0, 1.0))
+
+    def transitions(self, trajectories: Trajectories) -> Transitions:
+        """What stepping this environment through the trajectories gives."""
+        states, goal = trajectories.states, trajectories.goal
+        count, horizon = trajectories.actions.shape[:2]
+        goals = np.broadcast_to(goal[:, None], (count, horizon + 1, goal.shape[-1]))
+        # Whether each single state is at the goal, [N, T].
+        at_goal = self.simulator.outcome(states[:, 1:, None], goal[:, None])
+        truncations = np.zeros((count, horizon), np.bool_)
+        truncations[:, -1] = True
+        return Transitions(
+            observations=np.concatenate([states, goals], axis=-1),
+            actions=self.scaled(trajectories.actions),
+            rewards=(at_goal & (at_goal.cumsum(axis=1) == 1)).astype(np.float64),
+            terminations=np.zeros((count, horizon), np.bool_),
+            truncations=truncations,
+        )
 
     def render(self) -> Pixels | None:
         """The scene with the target, [480, 640, 3]; None without a render mode.
 
         Raises:
-            StudyError: there is no OpenGL to draw with.
+            StudyError: OpenGL is not available.
         """
         if self.render_mode is None or self._episode is None:
             return None
@@ -127,7 +149,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         return np.array(self._renderer.render())
 
     def close(self) -> None:
-        """Give the renderer back."""
+        """Free the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -1,4 +1,4 @@
-"""Noise: standard normal numbers for many trajectories, each from a generator of its own."""
+"""Standard normal noise for a batch of trajectories, each with its own generator."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 class Noise:
     """Standard normal numbers [N, *shape], one control step after the other.
 
-    A trajectory's numbers come from its own generator, one step after the other, so they depend
-    neither on the batch around it nor on how many steps are drawn at once.
+    The numbers of a trajectory come from its own generator, in the order of the control steps. So
+    they depend neither on the batch nor on `noise_steps`.
 
     Args:
-        generators: one for each of the N trajectories.
-        shape: of one step's numbers.
-        ahead: steps that are drawn at once.
+        generators: N generators, one for each trajectory.
+        shape: shape of the numbers of one control step.
+        noise_steps: control steps whose numbers are sampled together.
         dtype: float32 or float64.
     """
 
@@ -23,18 +23,18 @@ class Noise:
         self,
         generators: Sequence[np.random.Generator],
         shape: tuple[int, ...],
-        ahead: int,
+        noise_steps: int,
         dtype: type[np.float32] | type[np.float64] = np.float64,
     ) -> None:
         self._generators, self._dtype = generators, dtype
-        self._drawn = np.empty((len(generators), ahead, *shape), dtype)
-        self._next = ahead
+        self._samples = np.empty((len(generators), noise_steps, *shape), dtype)
+        self._next = noise_steps
 
     def step(self) -> NDArray[np.floating]:
-        """The next step's numbers, [N, *shape]."""
-        if self._next == self._drawn.shape[1]:
-            for row, generator in zip(self._drawn, self._generators, strict=True):
+        """The numbers of the next control step, [N, *shape]."""
+        if self._next == self._samples.shape[1]:
+            for row, generator in zip(self._samples, self._generators, strict=True):
                 generator.standard_normal(out=row, dtype=self._dtype)
             self._next = 0
         self._next += 1
-        return self._drawn[:, self._next - 1]
+        return self._samples[:, self._next - 1]

@@ -1,4 +1,4 @@
-"""How an environment joins: one decorator enters it into the study and into Gymnasium."""
+"""How an environment joins: one decorator registers it with the study and with Gymnasium."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -7,17 +7,17 @@ import gymnasium
 
 from study.envs.simulator import Simulator, simulators
 
-S = TypeVar("S", bound=type[Simulator])
+SimulatorType = TypeVar("SimulatorType", bound=type[Simulator])
 
 
-def register(name: str) -> Callable[[S], S]:
-    """Decorator: a simulator becomes `simulators[name]`, and ``study/{title}-v0`` in Gymnasium.
+def register(name: str) -> Callable[[SimulatorType], SimulatorType]:
+    """Decorator: register a simulator as `simulators[name]`, and with Gymnasium.
 
     Raises:
         ValueError: another class has that name already.
     """
 
-    def enter(simulator: S) -> S:
+    def enter(simulator: SimulatorType) -> SimulatorType:
         simulators.register(name)(simulator)
         environment = gymnasium_id(simulator)
         # The same source may be imported twice, as a plugin and by a test.
@@ -30,5 +30,5 @@ def register(name: str) -> Callable[[S], S]:
 
 
 def gymnasium_id(simulator: type[Simulator]) -> str:
-    """The name under which Gymnasium makes it: ``study/Pusher-v0``."""
+    """The simulator's id in Gymnasium, such as ``study/Pusher-v0``."""
     return f"study/{simulator.title}-v0"

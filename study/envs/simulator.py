@@ -1,21 +1,22 @@
-"""The contract of a real system: what the study asks of an environment, and nothing more.
+"""The contract of a real system: all that the study asks of an environment.
 
-A simulator is batched and holds no state. Everything random in a scenario or a rollout comes from
-a seed of its own, so the result is the same for any batch size, order and number of threads.
+A simulator is batched and has no state. All randomness of a scenario or a rollout comes from that
+scenario's or rollout's seed. So the result is the same for any batch size, order and number of
+threads.
 
-The life of a scenario::
+From a seed to an outcome::
 
-    scenarios = simulator.sample_scenarios(seeds)                    # s0 [N, D] and goal [N, G]
-    actions = simulator.plan(scenarios, seeds)           # [N, T, A], on the nominal system
-    rollout = simulator.rollout(s0, actions, seeds)      # states [N, T+1, D], with noise
-    outcome = simulator.outcome(rollout.states[:, 1:], goal)   # [N] bool
+    scenarios = simulator.sample_scenarios(seeds)              # s0 [N, D] and goal [N, G]
+    actions = simulator.plan(scenarios, seeds)                 # [N, T, A], on the nominal system
+    rollout = simulator.rollout(scenarios.s0, actions, seeds)  # states [N, T+1, D], with noise
+    outcome = simulator.outcome(rollout.states[:, 1:], scenarios.goal)  # [N] bool
 
-Actions are open loop: planned on the noise-free system, then executed in the noisy one. So they
-tell a model nothing about the noise to come, and re-simulating the same s0 and actions with other
-seeds (the *oracle*) gives the exact distribution p(s_{1:T} | s_0; a_{0:T-1}) of equation (2).
+Actions are open loop: they are planned on the noise-free system and executed in the noisy one. So
+they carry no information about the noise. Simulating the same s0 and actions with other seeds (the
+*oracle*) therefore samples the exact distribution p(s_{1:T} | s_0; a_{0:T-1}) of equation (2).
 
-Underneath, `start` begins an `Episode`, which advances by one control step at a time. `plan`,
-`rollout` and the Gymnasium environment (`study.envs.gymnasium_env`) are all made of it.
+`start_episode` begins an `Episode`, which advances by one control step at a time. `plan`, `rollout`
+and the Gymnasium environment (`study.envs.gymnasium_env`) all step episodes.
 """
 
 from abc import ABC, abstractmethod
@@ -30,97 +31,104 @@ from numpy.typing import NDArray
 from study.common.arrays import Booleans, Doubles, Floats
 from study.common.registry import Registry
 from study.common.seeds import Seeds
+from study.data.variables import Constant, Variable, bounds
 
 Policy = Callable[[int, Floats], NDArray[np.floating]]
-"""Actions [N, A], not yet bounded, at control step t in states [N, D]."""
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One component of a vector: its name, SI unit, meaning and bounds."""
-
-    name: str
-    unit: str
-    meaning: str
-    low: float = -np.inf
-    high: float = np.inf
-
-
-def bounds(variables: tuple[Variable, ...]) -> tuple[Doubles, Doubles]:
-    """The low and the high bounds, [len(variables)] each."""
-    low, high = np.array([(v.low, v.high) for v in variables], np.float64).reshape(-1, 2).T
-    return low, high
+"""Unclipped actions [N, A] for control step t and states [N, D]."""
 
 
 @dataclass(frozen=True)
 class Scenarios:
-    """N beginnings: s0 [N, D] float32, and goal [N, G] float32, what the agent is asked to do.
+    """N initial states, each with a goal. No model sees the goal.
 
-    No model sees the goal: it enters the plan, and the outcome.
+    Attributes:
+        s0: [N, D] float32, SI units.
+        goal: [N, G] float32, SI units. The policy and the outcome depend on it.
     """
 
     s0: Floats
     goal: Floats
 
-    def __getitem__(self, part: slice) -> "Scenarios":
+    def __getitem__(self, index: slice) -> "Scenarios":
         """Some of the scenarios."""
-        return Scenarios(self.s0[part], self.goal[part])
+        return Scenarios(self.s0[index], self.goal[index])
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """N trajectories: states [N, T+1, D] float32 (states[:, 0] is s0), unobserved [N, H] float32."""
+    """N simulated trajectories.
+
+    Attributes:
+        states: [N, T+1, D] float32, SI units; ``states[:, 0]`` is s_0.
+        unobserved: [N, H] float32, SI units.
+    """
 
     states: Floats
     unobserved: Floats
 
 
 class Episode(ABC):
-    """N trajectories under way, each with noise and unobserved variables of its own.
+    """N trajectories in progress, each with its own noise and unobserved variables.
 
     Attributes:
-        unobserved: [N, H] float32.
+        unobserved: [N, H] float32, SI units.
     """
 
     unobserved: Floats
 
     @abstractmethod
     def step(self, actions: Floats) -> Floats:
-        """Hold `actions` [N, A], within their bounds, for a control step; states [N, D] after."""
+        """Hold the actions for one control step.
+
+        Args:
+            actions: [N, A], within their bounds.
+
+        Returns:
+            The states [N, D] after the step.
+        """
 
 
 class Simulator(ABC):
-    """A real system. Subclasses are registered: ``@register("pusher")``.
+    """A real system. A subclass joins the study by ``@register("pusher")``.
+
+    The docstring of a subclass describes the system on its page (`study.envs.card`). The page takes
+    names, units and numbers from the attributes below.
 
     Args:
-        horizon: number of control steps T; the environment's own if None.
+        horizon: number of control steps T; None is the system's own.
         threads: CPU threads for the physics. Results do not depend on it.
     """
 
     name: ClassVar[str]
+    """The registered name."""
     title: ClassVar[str]
-    """As people write it: Gymnasium's id is ``study/{title}-v0``."""
-    # Part of every artifact's key: raise it whenever the numbers that a rollout gives change.
+    """The name in text. Gymnasium's id is ``study/{title}-v0``."""
     version: ClassVar[int]
+    """Part of the key of every artifact: raise it when the numbers of a rollout change."""
     state: ClassVar[tuple[Variable, ...]]
     action: ClassVar[tuple[Variable, ...]]
     unobserved: ClassVar[tuple[Variable, ...]] = ()
+    """Variables that act on a trajectory and that no model sees."""
     goal: ClassVar[tuple[Variable, ...]]
     scenario_variables: ClassVar[tuple[Variable, ...]] = ()
-    """What scenarios are drawn from, each uniform between its bounds."""
+    """What a scenario is sampled from, uniformly between the bounds."""
+    scenario_conditions: ClassVar[tuple[Variable, ...]] = ()
+    """Quantities of a scenario. One outside of these bounds is rejected and sampled anew."""
+    policy_variables: ClassVar[tuple[Variable, ...]] = ()
+    """Parameters of the policy, sampled for each trajectory, uniformly between the bounds."""
     plotted: ClassVar[tuple[str, ...]] = ()
-    """Names of the state variables that a picture should show over time; none: it chooses."""
+    """Names of the state variables that figures plot over time; empty: the figure chooses."""
     rotating_pairs: ClassVar[tuple[tuple[str, str, str], ...]] = ()
-    """Pairs of state variables that are components along axes turned by an angle, and that angle:
-    models work on them in axes that stand still (`study.data.frames`)."""
+    """Names (a, b, angle) of state variables: a and b are components along axes that are rotated
+    by the angle. Models see them in a fixed frame (`study.data.frames`)."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""
     radius: ClassVar[float]
-    """Metres: the goal succeeds when `position` comes this close to `target`."""
-    at_once: ClassVar[int] = 2048
-    """Trajectories simulated at a time: many enough that an operation's fixed cost vanishes, few
-    enough that the arrays fit a cache."""
+    """Metres. The goal is reached when `position` is this close to `target`."""
+    chunk_size: ClassVar[int] = 2048
+    """Trajectories that are simulated together. A larger chunk shares the fixed cost of an
+    operation among more trajectories; a smaller one fits into the CPU's cache."""
 
     def __init__(self, horizon: int | None = None, threads: int = 1) -> None:
         self.horizon = horizon or self.default_horizon
@@ -128,100 +136,121 @@ class Simulator(ABC):
 
     @abstractmethod
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
-        """Draw one scenario for each seed [N]."""
+        """One scenario for each seed [N]."""
 
     @abstractmethod
-    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
-        """Begin a trajectory from each `s0` [N, D], with a seed [N] each.
+    def start_episode(
+        self, s0: Floats, seeds: Seeds | None = None, noise_steps: int = 1
+    ) -> Episode:
+        """Begin N trajectories.
 
         Args:
-            s0: [N, D].
-            seeds: [N]; none: the nominal system, with no noise and unobserved variables at their mean.
-            ahead: control steps for which noise may be drawn at once. It changes speed alone.
+            s0: [N, D] initial states.
+            seeds: [N] seeds of the noise and of the unobserved variables. None is the nominal
+                system: no noise, and unobserved variables at their mean.
+            noise_steps: control steps whose noise is sampled together. It affects speed only.
         """
 
     @abstractmethod
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
-        """A policy that tries to do the goal of each scenario [N].
+        """A policy that tries to reach the goal of each of N scenarios.
 
-        It may be random (variety to train on): it draws from `seeds` [N].
+        Args:
+            scenarios: N scenarios.
+            seeds: [N] seeds of the policy's random parameters, which vary the training data.
         """
 
     @abstractmethod
     def position(self, states: Floats) -> Floats:
-        """Where the thing that the goal is about is, [..., 3] in metres, from states [..., D]."""
+        """Positions [..., 3] in metres of the body that the goal is about; states [..., D]."""
 
     @abstractmethod
     def target(self, goal: Floats) -> Floats:
-        """Where it should come to, [..., 3] in metres, from goal [..., G]."""
+        """Positions [..., 3] in metres that this body has to reach; goal [..., G]."""
 
     @abstractmethod
     def scene(self) -> mujoco.MjModel:
-        """The MuJoCo model, for drawing."""
+        """The MuJoCo model that pictures show."""
 
     @abstractmethod
     def configuration(self, states: Floats) -> Doubles:
-        """MuJoCo's qpos [..., nq] of states [..., D], for drawing."""
+        """MuJoCo's qpos [..., nq] in `scene` for states [..., D]."""
+
+    def constants(self) -> tuple[Constant, ...]:
+        """The physical constants that the system's page lists."""
+        return ()
 
     def events(self, states: Floats) -> dict[str, Booleans]:
-        """What can happen on the way, and whether it did: [...] of states [..., T+1, D]."""
+        """Which events happen in trajectories with states [..., T+1, D].
+
+        Returns:
+            By the name of the event, whether it happens, [...].
+        """
         return {}
 
-    def bounded(self, actions: NDArray[np.floating]) -> Floats:
-        """Actions [..., A] clipped to their bounds."""
+    def clip_actions(self, actions: NDArray[np.floating]) -> Floats:
+        """Actions [..., A] clipped to their bounds, float32."""
         return np.clip(actions, *bounds(self.action)).astype(np.float32)
 
     def plan(self, scenarios: Scenarios, seeds: Seeds) -> Floats:
         """Actions [N, T, A] of `policy` in closed loop with the nominal system."""
         actions = np.empty((len(seeds), self.horizon, len(self.action)), np.float32)
-        for part in self._parts(len(seeds)):
-            policy, states = self.policy(scenarios[part], seeds[part]), scenarios.s0[part]
-            episode = self.start(states)
+        for chunk in self._chunks(len(seeds)):
+            policy, states = self.policy(scenarios[chunk], seeds[chunk]), scenarios.s0[chunk]
+            episode = self.start_episode(states)
             for t in range(self.horizon):
-                actions[part, t] = self.bounded(policy(t, states))
-                states = episode.step(actions[part, t])
+                actions[chunk, t] = self.clip_actions(policy(t, states))
+                states = episode.step(actions[chunk, t])
         return actions
 
     def rollout(self, s0: Floats, actions: Floats, seeds: Seeds | None = None) -> Rollout:
-        """Execute `actions` [N, T, A], clipped to their bounds, open loop from `s0` [N, D].
+        """Execute actions open loop.
 
-        With a seed [N] a trajectory; without, on the nominal system.
+        Args:
+            s0: [N, D] initial states.
+            actions: [N, T, A]; they are clipped to their bounds.
+            seeds: [N] seeds of the noise; None is the nominal system.
         """
         count, horizon = actions.shape[:2]
         states = np.empty((count, horizon + 1, len(self.state)), np.float32)
         unobserved = np.empty((count, len(self.unobserved)), np.float32)
         states[:, 0] = s0
-        for part in self._parts(count):
-            own_seeds = None if seeds is None else seeds[part]
-            episode = self.start(states[part, 0], own_seeds, ahead=horizon)
-            unobserved[part] = episode.unobserved
-            commands = self.bounded(actions[part])
+        for chunk in self._chunks(count):
+            noise_seeds = None if seeds is None else seeds[chunk]
+            episode = self.start_episode(states[chunk, 0], noise_seeds, noise_steps=horizon)
+            unobserved[chunk] = episode.unobserved
+            clipped = self.clip_actions(actions[chunk])
             for t in range(horizon):
-                states[part, t + 1] = episode.step(commands[:, t])
+                states[chunk, t + 1] = episode.step(clipped[:, t])
         return Rollout(states, unobserved)
 
     def reached(self, states: Floats, goal: Floats) -> Booleans:
-        """Whether the goal has succeeded by each step [..., T]: states [..., T, D], goal [..., G].
+        """Whether the goal has been reached by each step.
 
-        `goal` broadcasts against the leading axes of `states`. A state that is not finite is never
-        close to anything.
+        Args:
+            states: [..., T, D]. A state that is not finite does not reach any goal.
+            goal: [..., G]; it broadcasts against the leading axes of `states`.
+
+        Returns:
+            [..., T]
         """
         distance = np.linalg.norm(self.position(states) - self.target(goal)[..., None, :], axis=-1)
         return np.logical_or.accumulate(distance <= self.radius, axis=-1)
 
     def outcome(self, states: Floats, goal: Floats) -> Booleans:
-        """Whether the goal succeeds within the horizon, [...]; arguments as of `reached`."""
+        """Whether the goal is reached within the horizon, [...]; arguments as of `reached`."""
         return np.asarray(self.reached(states, goal).any(axis=-1))
 
     def outcomes(self, states: Floats, goal: Floats) -> dict[str, Booleans]:
-        """All that is asked of a trajectory, by name, the goal itself first: [...] each.
+        """The binary outcomes that are forecast, by name, [...] each; `outcome` is the first.
 
-        Arguments as of `reached`. A state that is not finite is never where it should be.
+        Arguments as of `reached`. A state that is not finite fails every condition on it.
         """
         return {"reaches the target": self.outcome(states, goal)}
 
-    def _parts(self, count: int) -> list[slice]:
-        return [slice(start, start + self.at_once) for start in range(0, count, self.at_once)]
+    def _chunks(self, count: int) -> list[slice]:
+        starts = range(0, count, self.chunk_size)
+        return [slice(start, start + self.chunk_size) for start in starts]
 
 
 simulators: Registry[type[Simulator]] = Registry("environment")

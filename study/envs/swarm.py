@@ -1,7 +1,7 @@
-"""A swarm: many copies of a model in one MuJoCo world, which share the fixed cost of a step.
+"""Many copies of a small model in one MuJoCo world.
 
-`mj_step` takes some three microseconds whatever it simulates. A world that holds several small
-systems that never meet takes them once, and each copy moves exactly as it would alone.
+A call of `mj_step` has a fixed cost that outweighs the physics of a small system. Copies in one
+world pay this cost once. Copies never touch, so each moves exactly as it would alone.
 """
 
 from copy import copy
@@ -12,9 +12,9 @@ import mujoco
 
 
 def swarm(path: Path, count: int) -> mujoco.MjModel:
-    """`count` copies of the model at `path`, bare of everything that is only for looking at.
+    """A world with `count` copies of the model at `path`, without what only pictures need.
 
-    Positions, rates and controls of a copy follow those of the copy before.
+    The qpos, qvel and ctrl of the copies follow one another, copy by copy.
     """
     return copy(_compiled(path, count))
 
@@ -30,11 +30,11 @@ def _compiled(path: Path, count: int) -> mujoco.MjModel:
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
-    """Remove what neither moves, nor touches anything, nor weighs anything."""
+    """Remove everything without effect on the motion."""
     touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     for geom in spec.geoms:
         fixed = geom.parent.name == spec.worldbody.name
         if geom.name not in touching and (fixed or geom.parent.explicitinertial):
             spec.delete(geom)
-    for thing in (*spec.lights, *spec.cameras, *spec.sites, *spec.textures, *spec.materials):
-        spec.delete(thing)
+    for decoration in (*spec.lights, *spec.cameras, *spec.sites, *spec.textures, *spec.materials):
+        spec.delete(decoration)

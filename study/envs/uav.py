@@ -1,4 +1,4 @@
-"""The UAV (paper section V-B): a quadrotor flies to a target in time, in gusts, its load unseen."""
+"""The UAV (paper section V-B): a quadrotor with an unobserved payload flies through gusts."""
 
 from typing import ClassVar
 
@@ -7,19 +7,23 @@ import numpy as np
 
 from study.common.arrays import Booleans, Doubles, Floats
 from study.common.seeds import Seeds
+from study.data.variables import Constant, Variable, bounds
+from study.envs import uav_physics
 from study.envs.noise import Noise
 from study.envs.registration import register
-from study.envs.simulator import Episode, Policy, Scenarios, Simulator, Variable, bounds
+from study.envs.simulator import Episode, Policy, Scenarios, Simulator
 from study.envs.uav_flight import ANGLES, BATTERY, POSITION, Flight
 from study.envs.uav_physics import MAX_PAYLOAD, MEAN_PAYLOAD, MODEL, quaternion
-from study.envs.uav_pilot import HABITS, Pilot
+from study.envs.uav_pilot import MAX_SPEED, POLICY_VARIABLES, Pilot
 
-SAFE_HEIGHT, RESERVE = 15.0, 30.0
-"""m and %: what two of the outcomes ask for."""
+SAFE_HEIGHT = 15.0
+"""m, smallest height of an outcome."""
+RESERVE = 30.0
+"""%, smallest charge of an outcome."""
 SCENARIO_STREAM, POLICY_STREAM, NOISE_STREAM = 0, 1, 2
-"""Keep apart what is drawn from the same seed."""
+"""Independent random streams of one seed."""
 
-START = (
+SCENARIO_VARIABLES = (
     Variable("x", "m", "position, east", -20.0, 20.0),
     Variable("y", "m", "position, north", -20.0, 20.0),
     Variable("z", "m", "height above the ground", 20.0, 40.0),
@@ -28,119 +32,46 @@ START = (
     Variable("vz", "m/s", "velocity, up", -0.3, 0.3),
     Variable("yaw", "rad", "heading", -np.pi, np.pi),
     Variable("wind", "m/s", "speed of the level wind", 0.0, 9.0),
-    Variable("wind_towards", "rad", "where it blows to", -np.pi, np.pi),
+    Variable("wind_towards", "rad", "direction that the wind blows to", -np.pi, np.pi),
     Variable("wind_z", "m/s", "wind, up", -0.4, 0.4),
     Variable("temperature", "degC", "air temperature", 0.0, 35.0),
-    Variable("battery", "%", "charge that is left", 15.0, 100.0),
-    Variable("pace", "m/s", "level distance of the target, per second of horizon", 0.8, 5.2),
+    Variable("battery", "%", "remaining charge", 15.0, 100.0),
+    Variable("pace", "m/s", "level distance to the target per second of horizon", 0.8, 5.2),
     Variable("bearing", "rad", "direction of the target", -np.pi, np.pi),
     Variable("rise", "m", "height of the target above the start", -12.0, 15.0),
 )
-"""What a scenario is drawn from, each uniform between its bounds. The rest of s0 is zero."""
+"""A scenario is sampled from these, uniformly between the bounds. The rest of s0 is zero."""
 
 
 @register("uav")
 class Uav(Simulator):
-    """A quadrotor with an autopilot, a battery, weather, and a payload that nobody sees.
+    """A quadrotor with an autopilot, a battery, weather, and an unobserved payload.
 
-    The airframe and its rotors are those of the PX4 Gazebo model "iris" (`uav_physics` says what is
-    published and what was chosen): 1.5 kg without payload, four rotors that each lift up to 7.07 N
-    at full charge and lag behind what is asked of them by 0.0125 s (faster) or 0.025 s (slower).
-    The top speed of a rotor falls with the charge, to 0.833 of the full one's. Drag acts against
-    the air that passes, wind included. The battery holds 8.5 Wh; thrust costs as momentum theory
-    says, and the avionics draw 15 W.
+    The airframe and the rotors are those of the PX4 Gazebo model "iris"; `uav_physics` marks the
+    constants that were chosen. The speed of a rotor follows its set-point with a lag, and its top
+    speed falls with the charge. Drag acts against the airflow, wind included. Power follows
+    momentum theory. Axes point east, north and up. Yaw is applied first, then pitch, then roll.
 
-    An autopilot (`uav_autopilot`) follows the set-points. It assumes the mean payload, so another
-    one shows as height lost or gained, and as drain. Physics and autopilot run at 50 Hz. Axes point
-    east, north and up; angles are applied yaw first, then pitch, then roll.
+    **Action.** Velocity and yaw-rate set-points, clipped to their bounds and held for one control
+    step. An autopilot (`uav_autopilot`) follows them. It assumes the mean payload. So a vehicle
+    with another payload loses or gains height and drains its battery at another rate.
 
-    State:
+    **Noise.** The payload, gusts, and fluctuations of the temperature. The wind of s0 is the mean
+    wind. Gusts and fluctuations are Ornstein-Uhlenbeck processes that start at zero. The standard
+    deviation of a gust is linear in the speed W of the mean level wind. The nominal system has the
+    mean payload and neither gusts nor fluctuations.
 
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | x | m | position, east | -5000 | 5000 |
-    | y | m | position, north | -5000 | 5000 |
-    | z | m | height above the ground | 0 | 5000 |
-    | vx | m/s | velocity, east | -100 | 100 |
-    | vy | m/s | velocity, north | -100 | 100 |
-    | vz | m/s | velocity, up | -100 | 100 |
-    | roll | rad | about the body's x axis, third | -3.142 | 3.142 |
-    | pitch | rad | about the body's y axis, second | -1.571 | 1.571 |
-    | yaw | rad | about the vertical, first; not wrapped | -1000 | 1000 |
-    | roll_rate | rad/s | change of roll | -1000 | 1000 |
-    | pitch_rate | rad/s | change of pitch | -1000 | 1000 |
-    | yaw_rate | rad/s | change of yaw | -1000 | 1000 |
-    | wind_x | m/s | wind, east | -100 | 100 |
-    | wind_y | m/s | wind, north | -100 | 100 |
-    | wind_z | m/s | wind, up | -100 | 100 |
-    | temperature | degC | air temperature | -100 | 100 |
-    | battery | % | charge that is left | 0 | 100 |
+    **Scenario.** The variables are uniform and independent; the rest of s0 is zero. `rise` is
+    reduced in proportion when the horizon is shorter than the system's own.
 
-    Action (clipped to its bounds, held for one control step):
+    **Outcome.** The vehicle comes within the goal radius of the target at any step of the horizon.
+    A vehicle that comes down to the ground stays there: its position, yaw and battery stay as they
+    were, its velocity, roll, pitch and rates are zero, and wind and temperature go on. When the
+    battery is empty the rotors stop, and the vehicle falls.
 
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | vx | m/s | velocity set-point, east | -8 | 8 |
-    | vy | m/s | velocity set-point, north | -8 | 8 |
-    | vz | m/s | velocity set-point, up | -3 | 3 |
-    | yaw_rate | rad/s | yaw-rate set-point | -1 | 1 |
-
-    Hidden variables (uniform, drawn for each trajectory from its seed):
-
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | payload | kg | mass carried | 0 | 0.6 |
-
-    Task (come within 5 m of the target at any step of the horizon):
-
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | target_x | m | where to fly, east | -5000 | 5000 |
-    | target_y | m | where to fly, north | -5000 | 5000 |
-    | target_z | m | where to fly, up | 0 | 5000 |
-
-    Start, each uniform, the rest of s0 zero; `rise` shrinks with a horizon below 60:
-
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | x | m | position, east | -20 | 20 |
-    | y | m | position, north | -20 | 20 |
-    | z | m | height above the ground | 20 | 40 |
-    | vx | m/s | velocity, east | -1 | 1 |
-    | vy | m/s | velocity, north | -1 | 1 |
-    | vz | m/s | velocity, up | -0.3 | 0.3 |
-    | yaw | rad | heading | -3.142 | 3.142 |
-    | wind | m/s | speed of the level wind | 0 | 9 |
-    | wind_towards | rad | where it blows to | -3.142 | 3.142 |
-    | wind_z | m/s | wind, up | -0.4 | 0.4 |
-    | temperature | degC | air temperature | 0 | 35 |
-    | battery | % | charge that is left | 15 | 100 |
-    | pace | m/s | level distance of the target, per second of horizon | 0.8 | 5.2 |
-    | bearing | rad | direction of the target | -3.142 | 3.142 |
-    | rise | m | height of the target above the start | -12 | 15 |
-
-    Policy: `uav_pilot` follows a point that moves along a bowed path to the target, at most at
-    8 m/s level, and then waits there. It sees the state at every control step of the nominal
-    system, so it makes up for the mean wind; the set-points that it gives there are recorded, and
-    that plan is executed. Each flight has habits of its own, uniform:
-
-    | name | unit | meaning | low | high |
-    |---|---|---|---|---|
-    | arrival | 1 | when the target is reached, as a share of the horizon | 0.35 | 1 |
-    | detour | 1 | sideways bow of the path, as a share of its length | -0.2 | 0.2 |
-    | climb | m | upward bow of the path | -6 | 10 |
-    | gaze | rad | heading, from the direction of flight | -3.142 | 3.142 |
-    | zeal | 1/s | velocity per metre behind the moving point | 0.3 | 0.8 |
-
-    Noise. The payload; gusts on top of the wind of s0, which is their mean: Ornstein-Uhlenbeck
-    processes that start at zero, in a level wind of W m/s with standard deviation 0.3 + 0.3 W m/s
-    and correlation time 8 s level, and 0.2 + 0.12 W m/s and 3 s vertically; the temperature
-    wanders likewise, 0.5 degC and 30 s. Without noise: no gust, no wander, payload 0.3 kg.
-
-    Termination: after the horizon, 60 control steps of 0.4 s unless told otherwise. A vehicle that
-    comes down to z = 0 stays there to the end: position, yaw and battery as they were, velocity,
-    roll, pitch and rates zero, while wind and temperature go on. With an empty battery the rotors
-    stop, and it falls.
+    **Policy.** `uav_pilot` follows a point that moves to the target along a curved path and then
+    waits there. It is planned in closed loop on the nominal system, so it compensates for the mean
+    wind but not for gusts. Each trajectory has its own policy parameters.
     """
 
     name = "uav"
@@ -156,17 +87,17 @@ class Uav(Simulator):
         Variable("vx", "m/s", "velocity, east", -100.0, 100.0),
         Variable("vy", "m/s", "velocity, north", -100.0, 100.0),
         Variable("vz", "m/s", "velocity, up", -100.0, 100.0),
-        Variable("roll", "rad", "about the body's x axis, third", -np.pi, np.pi),
-        Variable("pitch", "rad", "about the body's y axis, second", -np.pi / 2, np.pi / 2),
-        Variable("yaw", "rad", "about the vertical, first; not wrapped", -1000.0, 1000.0),
-        Variable("roll_rate", "rad/s", "change of roll", -1000.0, 1000.0),
-        Variable("pitch_rate", "rad/s", "change of pitch", -1000.0, 1000.0),
-        Variable("yaw_rate", "rad/s", "change of yaw", -1000.0, 1000.0),
+        Variable("roll", "rad", "angle about the body's x axis", -np.pi, np.pi),
+        Variable("pitch", "rad", "angle about the body's y axis", -np.pi / 2, np.pi / 2),
+        Variable("yaw", "rad", "angle about the vertical, not wrapped", -1000.0, 1000.0),
+        Variable("roll_rate", "rad/s", "rate of roll", -1000.0, 1000.0),
+        Variable("pitch_rate", "rad/s", "rate of pitch", -1000.0, 1000.0),
+        Variable("yaw_rate", "rad/s", "rate of yaw", -1000.0, 1000.0),
         Variable("wind_x", "m/s", "wind, east", -100.0, 100.0),
         Variable("wind_y", "m/s", "wind, north", -100.0, 100.0),
         Variable("wind_z", "m/s", "wind, up", -100.0, 100.0),
         Variable("temperature", "degC", "air temperature", -100.0, 100.0),
-        Variable("battery", "%", "charge that is left", 0.0, 100.0),
+        Variable("battery", "%", "remaining charge", 0.0, 100.0),
     )
     action: ClassVar[tuple[Variable, ...]] = (
         Variable("vx", "m/s", "velocity set-point, east", -8.0, 8.0),
@@ -175,57 +106,60 @@ class Uav(Simulator):
         Variable("yaw_rate", "rad/s", "yaw-rate set-point", -1.0, 1.0),
     )
     unobserved: ClassVar[tuple[Variable, ...]] = (
-        Variable("payload", "kg", "mass carried", 0.0, MAX_PAYLOAD),
+        Variable("payload", "kg", "mass of the payload", 0.0, MAX_PAYLOAD),
     )
     goal: ClassVar[tuple[Variable, ...]] = (
-        Variable("target_x", "m", "where to fly, east", -5000.0, 5000.0),
-        Variable("target_y", "m", "where to fly, north", -5000.0, 5000.0),
-        Variable("target_z", "m", "where to fly, up", 0.0, 5000.0),
+        Variable("target_x", "m", "target, east", -5000.0, 5000.0),
+        Variable("target_y", "m", "target, north", -5000.0, 5000.0),
+        Variable("target_z", "m", "target, up", 0.0, 5000.0),
     )
 
-    scenario_variables = START
+    scenario_variables = SCENARIO_VARIABLES
+    policy_variables = POLICY_VARIABLES
     plotted = ("z", "vz", "battery")
     rotating_pairs = (("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw"))
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
-        """Draw one scenario for each seed [N], from `START`."""
-        drawn = dict(
-            zip((v.name for v in START), _uniform(seeds, SCENARIO_STREAM, START).T, strict=True)
-        )
+        """One scenario for each seed [N], from `SCENARIO_VARIABLES`."""
+        names = [variable.name for variable in SCENARIO_VARIABLES]
+        columns = _uniform(seeds, SCENARIO_STREAM, SCENARIO_VARIABLES).T
+        sampled = dict(zip(names, columns, strict=True))
         duration = self.horizon * self.control_step
         s0 = np.zeros((len(seeds), len(self.state)))
         for column, variable in enumerate(self.state):
-            if variable.name in drawn:
-                s0[:, column] = drawn[variable.name]
-        s0[:, 12] = drawn["wind"] * np.cos(drawn["wind_towards"])
-        s0[:, 13] = drawn["wind"] * np.sin(drawn["wind_towards"])
-        reach = drawn["pace"] * duration
-        away = np.stack(
+            if variable.name in sampled:
+                s0[:, column] = sampled[variable.name]
+        s0[:, 12] = sampled["wind"] * np.cos(sampled["wind_towards"])
+        s0[:, 13] = sampled["wind"] * np.sin(sampled["wind_towards"])
+        distance = sampled["pace"] * duration
+        displacement = np.stack(
             [
-                reach * np.cos(drawn["bearing"]),
-                reach * np.sin(drawn["bearing"]),
-                drawn["rise"] * min(self.horizon / self.default_horizon, 1.0),
+                distance * np.cos(sampled["bearing"]),
+                distance * np.sin(sampled["bearing"]),
+                sampled["rise"] * min(self.horizon / self.default_horizon, 1.0),
             ],
             axis=1,
         )
-        return Scenarios(s0.astype(np.float32), (s0[:, POSITION] + away).astype(np.float32))
+        return Scenarios(s0.astype(np.float32), (s0[:, POSITION] + displacement).astype(np.float32))
 
-    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
-        return _Flights(self, s0, seeds, ahead)
+    def start_episode(
+        self, s0: Floats, seeds: Seeds | None = None, noise_steps: int = 1
+    ) -> Episode:
+        return _UavEpisode(self, s0, seeds, noise_steps)
 
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
-        """A `Pilot` for each scenario, whose habits come from its seed."""
-        habits = _uniform(seeds, POLICY_STREAM, HABITS)
+        """A `Pilot` for each scenario, with parameters that are sampled with its seed."""
+        parameters = _uniform(seeds, POLICY_STREAM, POLICY_VARIABLES)
         duration = self.horizon * self.control_step
-        pilot = Pilot(scenarios.s0, scenarios.goal, habits, duration)
+        pilot = Pilot(scenarios.s0, scenarios.goal, parameters, duration)
         return lambda step, states: pilot.command(step * self.control_step, states)
 
     def position(self, states: Floats) -> Floats:
-        """The vehicle, [..., 3] in m."""
+        """The vehicle's position, [..., 3] m."""
         return states[..., POSITION]
 
     def target(self, goal: Floats) -> Floats:
-        """The target, [..., 3] in m."""
+        """The target's position, [..., 3] m."""
         return goal
 
     def scene(self) -> mujoco.MjModel:
@@ -234,18 +168,44 @@ class Uav(Simulator):
 
     def configuration(self, states: Floats) -> Doubles:
         """qpos [..., 7] of the free joint: position, and orientation as a quaternion wxyz."""
-        turned = quaternion(*np.moveaxis(states[..., ANGLES].astype(np.float64), -1, 0))
-        return np.concatenate([states[..., POSITION], np.moveaxis(turned, 0, -1)], axis=-1)
+        orientation = quaternion(*np.moveaxis(states[..., ANGLES].astype(np.float64), -1, 0))
+        return np.concatenate([states[..., POSITION], np.moveaxis(orientation, 0, -1)], axis=-1)
+
+    def constants(self) -> tuple[Constant, ...]:
+        physics = uav_physics
+        level, vertical = "level gusts", "vertical gusts"
+        calm, breeze = physics.gust_std(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])).T
+        thrust = physics.THRUST_CONSTANT * physics.MAX_SPEED**2
+        return (
+            Constant("physics step", float(self.scene().opt.timestep), "s"),
+            Constant("mass without payload", physics.MASS, "kg"),
+            Constant("payload of the nominal system", MEAN_PAYLOAD, "kg"),
+            Constant("largest thrust of a rotor, full battery", thrust, "N"),
+            Constant("time constant of a rotor, faster", physics.SPEED_UP_TIME, "s"),
+            Constant("time constant of a rotor, slower", physics.SLOW_DOWN_TIME, "s"),
+            Constant("top speed of a rotor, empty over full battery", physics.EMPTY_VOLTAGE, "1"),
+            Constant("energy of the full battery", physics.ENERGY / 3600, "Wh"),
+            Constant("power of the avionics", physics.AVIONICS_POWER, "W"),
+            Constant(f"standard deviation of {level}, W = 0", calm[0], "m/s"),
+            Constant(f"standard deviation of {level}, per unit of W", breeze[0] - calm[0], "1"),
+            Constant(f"correlation time of {level}", physics.GUST_TIMES[0, 0], "s"),
+            Constant(f"standard deviation of {vertical}, W = 0", calm[2], "m/s"),
+            Constant(f"standard deviation of {vertical}, per unit of W", breeze[2] - calm[2], "1"),
+            Constant(f"correlation time of {vertical}", physics.GUST_TIMES[2, 0], "s"),
+            Constant("standard deviation of the temperature", physics.TEMPERATURE_STD, "degC"),
+            Constant("correlation time of the temperature", physics.TEMPERATURE_TIME, "s"),
+            Constant("policy: largest level speed set-point", MAX_SPEED, "m/s"),
+        )
 
     def events(self, states: Floats) -> dict[str, Booleans]:
-        """Whether a flight ended on the ground, and whether its battery ran empty."""
+        """Whether the vehicle comes down to the ground, and whether its battery is empty."""
         return {
-            "it comes down to the ground": np.asarray((states[..., 2] <= 0).any(axis=-1)),
-            "its battery runs empty": np.asarray((states[..., BATTERY] <= 0).any(axis=-1)),
+            "the vehicle comes down to the ground": np.asarray((states[..., 2] <= 0).any(axis=-1)),
+            "the battery becomes empty": np.asarray((states[..., BATTERY] <= 0).any(axis=-1)),
         }
 
     def outcomes(self, states: Floats, goal: Floats) -> dict[str, Booleans]:
-        """Also: whether it ends at its target, stays high enough, and keeps a reserve of charge."""
+        """The goal, ending at the target, staying above a height, and keeping a charge reserve."""
         return super().outcomes(states, goal) | {
             "ends at the target": self.outcome(states[..., -1:, :], goal),
             f"stays above {SAFE_HEIGHT:g} m": np.asarray((states[..., 2] > SAFE_HEIGHT).all(-1)),
@@ -253,10 +213,10 @@ class Uav(Simulator):
         }
 
 
-class _Flights(Episode):
-    """N flights at once."""
+class _UavEpisode(Episode):
+    """N flights."""
 
-    def __init__(self, simulator: Uav, s0: Floats, seeds: Seeds | None, ahead: int) -> None:
+    def __init__(self, simulator: Uav, s0: Floats, seeds: Seeds | None, noise_steps: int) -> None:
         self.unobserved = np.full((len(s0), 1), MEAN_PAYLOAD, np.float32)
         generators = []
         if seeds is not None:
@@ -264,22 +224,22 @@ class _Flights(Episode):
             self.unobserved[:, 0] = [MAX_PAYLOAD * generator.random() for generator in generators]
         self._flight = Flight(s0, self.unobserved[:, 0], simulator.threads)
         self._ticks = round(simulator.control_step / self._flight.timestep)
-        self._weather = None
+        self._noise = None
         if seeds is not None:
-            self._weather = Noise(generators, (self._ticks, 4), ahead, np.float32)
+            self._noise = Noise(generators, (self._ticks, 4), noise_steps, np.float32)
 
     def step(self, actions: Floats) -> Floats:
-        noise = None if self._weather is None else self._weather.step()
+        noise = None if self._noise is None else self._noise.step()
         return self._flight.advance(actions, self._ticks, noise)
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:
-    """The random numbers that a seed holds for one purpose; it may be used for several."""
+    """The generator of one of a seed's independent random streams."""
     return np.random.Generator(np.random.Philox(key=int(seed) + (stream << 64)))
 
 
 def _uniform(seeds: Seeds, stream: int, variables: tuple[Variable, ...]) -> Doubles:
-    """Each variable between its bounds, [N, len(variables)]."""
+    """One sample of each of V variables for each seed [N], uniform between the bounds, [N, V]."""
     low, high = bounds(variables)
-    unit = np.array([_generator(seed, stream).random(len(variables)) for seed in seeds])
-    return low + (high - low) * unit.reshape(len(seeds), len(variables))
+    uniform = np.array([_generator(seed, stream).random(len(variables)) for seed in seeds])
+    return low + (high - low) * uniform.reshape(len(seeds), len(variables))

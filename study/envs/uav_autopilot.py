@@ -1,8 +1,8 @@
-"""The UAV's autopilot: velocity and yaw-rate set-points in, rotor speeds out.
+"""The UAV's autopilot: from velocity and yaw-rate set-points to rotor speeds.
 
-A cascade, as on real vehicles: velocity → acceleration → tilt → turning rate → torque → thrusts.
-It assumes the mean payload, full-density air and nothing of the wind, and has an integrator for
-the vertical only. So payload, wind and air leave their marks on the flight.
+It is a cascade, as on real vehicles: velocity → acceleration → tilt → angular velocity → torque →
+thrusts. It assumes the mean payload, air of standard density and no wind, and integrates the error
+of the vertical velocity only. So payload, wind and air density have an effect on the flight.
 """
 
 import numpy as np
@@ -23,21 +23,21 @@ ASSUMED_MASS = MASS + MEAN_PAYLOAD
 VELOCITY_GAIN = np.array([1.5, 1.5, 2.0])[:, None]  # 1/s
 CLIMB_INTEGRAL_GAIN = 0.3  # 1/s²
 CLIMB_INTEGRAL_LIMIT = 2.0  # m/s²
-TILT_GAIN = 5.0  # 1/s: turning rate per unit of tilt error
+TILT_GAIN = 5.0  # 1/s: angular velocity per unit of tilt error
 RATE_GAIN = np.array([16.0, 16.0, 5.0])[:, None]  # 1/s
 MAX_TILT_RATE = 4.0  # rad/s
 MAX_TILT = np.tan(np.radians(35.0))  # horizontal over vertical thrust
 LIFT_RANGE = np.array([0.4, 1.6]) * GRAVITY  # m/s²
-IDLE = 0.03  # of the thrust ceiling: rotors in flight do not stop
-YAW_SHARE = 0.15  # of the thrust ceiling, at most, for turning about the vertical
+IDLE = 0.03  # smallest thrust, share of the largest: rotors do not stop in flight
+YAW_SHARE = 0.15  # largest share of the largest thrust for yaw
 
-# Thrust and torques from the four thrusts, and its inverse, the mixer.
+# `ALLOCATION` gives total thrust and torques from the four thrusts; the mixer is its inverse.
 ALLOCATION = np.stack([np.ones(4), ROTORS[:, 1], -ROTORS[:, 0], -SPIN_SIGN * TORQUE_PER_THRUST])
 MIXER = np.linalg.inv(ALLOCATION)[:, :, None]
 
 
 class Autopilot:
-    """The autopilots of N vehicles, each with one number of memory.
+    """The autopilots of N vehicles. Their only memory is the integrated vertical error.
 
     Args:
         count: N.
@@ -51,41 +51,44 @@ class Autopilot:
     def speeds(
         self, command: Doubles, velocity: Doubles, spin: Doubles, matrix: Doubles, top: Doubles
     ) -> Doubles:
-        """Rotor speeds to ask for, [4, N] rad/s.
+        """Set-points of the rotor speeds.
 
         Args:
             command: [4, N]: velocity m/s in the world, yaw rate rad/s.
             velocity: [3, N] m/s, world.
             spin: [3, N] rad/s, body.
             matrix: [3, 3, N], body to world.
-            top: [N] rad/s, the fastest that a rotor can turn now.
+            top: [N] rad/s, current top speed of a rotor.
+
+        Returns:
+            [4, N] rad/s
         """
-        wanted = self._lift(command[:3] - velocity)
-        along = wanted[0] * matrix[0, 2] + wanted[1] * matrix[1, 2] + wanted[2] * matrix[2, 2]
-        torque = self._torque(wanted, command[3], spin, matrix)
+        desired = self._lift(command[:3] - velocity)
+        along = desired[0] * matrix[0, 2] + desired[1] * matrix[1, 2] + desired[2] * matrix[2, 2]
+        torque = self._torque(desired, command[3], spin, matrix)
         ceiling = THRUST_CONSTANT * top * top
         return np.sqrt(_mix(ASSUMED_MASS * along, torque, ceiling) / THRUST_CONSTANT)
 
     def _lift(self, error: Doubles) -> Doubles:
-        """Acceleration to ask of the rotors, [3, N] m/s², world, within lift and tilt limits."""
+        """Desired acceleration by the rotors, [3, N] m/s², world, within lift and tilt limits."""
         step = CLIMB_INTEGRAL_GAIN * self.timestep * error[2]
         limit = CLIMB_INTEGRAL_LIMIT
         self.climb_integral = np.clip(self.climb_integral + step, -limit, limit)
-        wanted = VELOCITY_GAIN * error
-        wanted[2] = np.clip(wanted[2] + self.climb_integral + GRAVITY, *LIFT_RANGE)
-        sideways = np.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1])
-        allowed = MAX_TILT * wanted[2]
-        wanted[:2] *= allowed / np.maximum(sideways, allowed)
-        return wanted
+        desired = VELOCITY_GAIN * error
+        desired[2] = np.clip(desired[2] + self.climb_integral + GRAVITY, *LIFT_RANGE)
+        sideways = np.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
+        allowed = MAX_TILT * desired[2]
+        desired[:2] *= allowed / np.maximum(sideways, allowed)
+        return desired
 
     def _torque(
-        self, wanted: Doubles, yaw_rate: Doubles, spin: Doubles, matrix: Doubles
+        self, desired: Doubles, yaw_rate: Doubles, spin: Doubles, matrix: Doubles
     ) -> Doubles:
-        """Torque [3, N] in N m, body axes, that turns the rotors' axis towards `wanted`."""
-        length = np.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
-        x, y, z = wanted / length
+        """Torque [3, N] N m, body axes, that tilts the rotors' axis towards `desired` [3, N]."""
+        length = np.sqrt(desired[0] ** 2 + desired[1] ** 2 + desired[2] ** 2)
+        x, y, z = desired / length
         rates = np.empty_like(spin)
-        # The cross product of the body's z axis with the wanted direction, in body axes.
+        # The cross product of the body's z axis with the desired direction, in body axes.
         rates[0] = -(matrix[0, 1] * x + matrix[1, 1] * y + matrix[2, 1] * z)
         rates[1] = matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z
         np.clip(TILT_GAIN * rates[:2], -MAX_TILT_RATE, MAX_TILT_RATE, out=rates[:2])
@@ -94,10 +97,10 @@ class Autopilot:
 
 
 def _mix(thrust: Doubles, torque: Doubles, ceiling: Doubles) -> Doubles:
-    """Thrusts [4, N] within [0, ceiling] for a total thrust [N] and torques [3, N].
+    """Thrusts [4, N] between zero and `ceiling`, for a total thrust [N] and torques [3, N].
 
-    When not all can be had, roll and pitch come first: what is left limits the total thrust. A
-    mixer that clips each rotor by itself lets a vehicle at its thrust ceiling flip over.
+    When the ceiling does not allow all of them, roll and pitch have priority over the total thrust.
+    A mixer that clips each rotor separately would let a vehicle at full thrust flip over.
     """
     yaw_limit = YAW_SHARE * 4 * TORQUE_PER_THRUST * ceiling
     yaw = np.clip(torque[2], -yaw_limit, yaw_limit)
@@ -105,7 +108,7 @@ def _mix(thrust: Doubles, torque: Doubles, ceiling: Doubles) -> Doubles:
     low = np.minimum(np.minimum(shares[0], shares[1]), np.minimum(shares[2], shares[3]))
     high = np.maximum(np.maximum(shares[0], shares[1]), np.maximum(shares[2], shares[3]))
     idle = IDLE * ceiling
-    room = ceiling - idle
-    scale = room / np.maximum(np.maximum(high - low, room), 1e-9)
+    margin = ceiling - idle
+    scale = margin / np.maximum(np.maximum(high - low, margin), 1e-9)
     total = np.clip(0.25 * thrust, idle - scale * low, ceiling - scale * high)
     return np.clip(total + scale * shares, 0.0, ceiling)

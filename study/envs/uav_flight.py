@@ -1,4 +1,4 @@
-"""Many UAVs in flight: autopilots, rotors, air, batteries and weather around the rigid bodies."""
+"""UAVs in flight: the rigid bodies with their autopilots, rotors, batteries and weather."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,19 +34,19 @@ RATES, WIND, TEMPERATURE, BATTERY = slice(9, 12), slice(12, 15), 15, 16
 
 
 class Flight:
-    """N UAVs that fly from `s0` at once, without a word to each other.
+    """N independent UAVs that fly from `s0`.
 
-    What is not in the state starts as a function of it: rotors turn as in a hover with the mean
-    payload, the autopilot's integrator is zero, the mean wind is the wind of s0 and the gust zero.
+    The rotors, the autopilot and the gusts are not part of the state. They start with the rotor
+    speed of a hover with the mean payload, an integrator of zero, and a gust of zero.
 
-    A vehicle that comes down to z = 0 has crashed: it stays where it came down, level, at rest,
-    with rotors and battery off and its heading kept. One whose battery is empty stops its rotors.
+    A vehicle that comes down to z = 0 has crashed. It stays there, level and at rest, with its
+    heading, and with rotors and battery off. When the battery is empty the rotors stop.
 
     Args:
-        s0: [N, 17].
+        s0: [N, 17] initial states.
         payload: [N] kg.
         threads: CPU threads of the rigid bodies.
-        timestep: seconds of one physics step; the model file's own if None.
+        timestep: seconds of one physics step; None is the model file's own.
     """
 
     def __init__(
@@ -70,32 +70,37 @@ class Flight:
         self.bodies.position[:], self.bodies.velocity[:] = state[POSITION], state[VELOCITY]
         self.bodies.quaternion[:] = quaternion(*state[ANGLES])
         self.bodies.spin[:] = _spin(state[ANGLES], state[RATES])
-        self.bodies.place()
+        self.bodies.write_state()
         self.crashed = np.zeros(size, bool)
-        self._ground()
+        self._land()
         self._speed_up = 1 - np.exp(-self.timestep / SPEED_UP_TIME)
         self._slow_down = 1 - np.exp(-self.timestep / SLOW_DOWN_TIME)
 
     def advance(
         self, actions: Floats, ticks: int, noise: NDArray[np.floating] | None = None
     ) -> Floats:
-        """Hold `actions` [N, 4] for `ticks` physics steps; the states [N, 17] thereafter.
+        """Hold the actions for some physics steps.
 
         Args:
-            actions: velocity in m/s, world, and yaw rate in rad/s.
-            ticks: physics steps; less than half a turn, or the yaw loses count.
-            noise: [N, ticks, 4] standard normal numbers, for gusts and temperature; none: still.
+            actions: [N, 4], velocity in m/s, world axes, and yaw rate in rad/s.
+            ticks: physics steps. Within these a vehicle must yaw by less than half a revolution,
+                since the yaw is not wrapped.
+            noise: [N, ticks, 4] standard normal numbers for gusts and temperature; None for the
+                nominal system.
+
+        Returns:
+            The states after the last step, [N, 17].
         """
         command = self._fill(np.asarray(actions, np.float64))
-        kicks = None if noise is None else self._fill(noise)
+        normal = None if noise is None else self._fill(noise)
         for tick in range(ticks):
-            if kicks is not None:
-                self.weather.advance(kicks[tick])
+            if normal is not None:
+                self.weather.advance(normal[tick])
             self._tick(command)
         return self._observe()
 
     def _fill(self, values: NDArray[np.generic]) -> Doubles:
-        """[N, ...] as [..., P], P the next multiple of the swarm's size: the last is repeated."""
+        """Values [N, ...] as [..., P], P a multiple of `SWARM`; copies of the last one fill it."""
         rest = -len(values) % SWARM
         full = np.concatenate([values, values[-1:].repeat(rest, 0)]) if rest else values
         return np.ascontiguousarray(np.moveaxis(full, 0, -1), np.float64)
@@ -105,19 +110,19 @@ class Flight:
         matrix = rotation(bodies.quaternion)
         temperature = self.weather.temperature(bodies.position[2])
         density = air_density(bodies.position[2], temperature)
-        asked = self.autopilot.speeds(
+        set_points = self.autopilot.speeds(
             command, bodies.velocity, bodies.spin, matrix, top_speed(self.battery)
         )
-        change = asked - self.speeds
+        change = set_points - self.speeds
         self.speeds += np.where(change > 0, self._speed_up, self._slow_down) * change
         thrusts = (THRUST_CONSTANT / STANDARD_DENSITY) * density * self.speeds * self.speeds
         used = drain(power(thrusts, density), temperature) * self.timestep
         self.battery = np.where(self.crashed, self.battery, np.maximum(self.battery - used, 0.0))
         bodies.step(self._force(thrusts, matrix, density), self._torque(thrusts), self.crashed)
-        self._ground()
+        self._land()
 
     def _force(self, thrusts: Doubles, matrix: Doubles, density: Doubles) -> Doubles:
-        """Thrust, rotor drag and hull drag, [3, N] in N, world."""
+        """Thrust, rotor drag and hull drag, [3, N] N, world axes."""
         axis = matrix[:, 2]
         air = self.weather.wind - self.bodies.velocity
         along = air[0] * axis[0] + air[1] * axis[1] + air[2] * axis[2]
@@ -125,11 +130,11 @@ class Flight:
         speeds, lift = _total(self.speeds), _total(thrusts)
         rotor = ROTOR_DRAG * speeds
         hull = 0.5 * DRAG_AREA * density * airspeed
-        # Rotors drag in their plane only: take away the air that comes along the axis.
+        # A rotor has drag in its plane only, so the airflow along its axis is subtracted.
         return (rotor + hull) * air + (lift - rotor * along) * axis
 
     def _torque(self, thrusts: Doubles) -> Doubles:
-        """Of the rotors' pull and reaction, and of the air, [3, N] in N m, body axes."""
+        """Torque of thrusts, reactions and damping, [3, N] N m, body axes."""
         first, second, third, fourth = thrusts
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = ROTORS
         torque = -SPIN_DAMPING * self.bodies.spin
@@ -139,27 +144,27 @@ class Flight:
         torque[2] -= TORQUE_PER_THRUST * _total(reaction)
         return torque
 
-    def _ground(self) -> None:
-        """Bring to rest, level, on the ground, whoever has just come down to it."""
+    def _land(self) -> None:
+        """Put vehicles that have just come down to the ground to rest there, level."""
         bodies = self.bodies
-        fresh = (bodies.position[2] <= 0) & ~self.crashed
-        if not fresh.any():
+        landed = (bodies.position[2] <= 0) & ~self.crashed
+        if not landed.any():
             return
-        _, _, heading = _angles(rotation(bodies.quaternion[:, fresh]))
+        _, _, heading = _angles(rotation(bodies.quaternion[:, landed]))
         level = np.zeros_like(heading)
-        bodies.position[2, fresh] = 0.0
-        bodies.quaternion[:, fresh] = quaternion(level, level, heading)
-        bodies.velocity[:, fresh] = bodies.spin[:, fresh] = self.speeds[:, fresh] = 0.0
-        bodies.place()
-        self.crashed |= fresh
+        bodies.position[2, landed] = 0.0
+        bodies.quaternion[:, landed] = quaternion(level, level, heading)
+        bodies.velocity[:, landed] = bodies.spin[:, landed] = self.speeds[:, landed] = 0.0
+        bodies.write_state()
+        self.crashed |= landed
 
     def _observe(self) -> Floats:
-        """The states [N, 17] as they are now."""
+        """The current states, [N, 17]."""
         bodies = self.bodies
         matrix = rotation(bodies.quaternion)
         roll, pitch, heading = _angles(matrix)
-        turned = heading - self.yaw
-        self.yaw = self.yaw + (turned - 2 * np.pi * np.round(turned / (2 * np.pi)))
+        change = heading - self.yaw
+        self.yaw = self.yaw + (change - 2 * np.pi * np.round(change / (2 * np.pi)))
         state = np.concatenate(
             [
                 bodies.position,
@@ -173,19 +178,20 @@ class Flight:
         return np.ascontiguousarray(state[:, : self.count].T, np.float32)
 
 
-def _total(four: Doubles) -> Doubles:
-    return (four[0] + four[1]) + (four[2] + four[3])
+def _total(values: Doubles) -> Doubles:
+    """Sum over the rotors, [N], of values [4, N]."""
+    return (values[0] + values[1]) + (values[2] + values[3])
 
 
 def _angles(matrix: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    """Roll and heading in [-π, π] and pitch in [-π/2, π/2], [N] each, of matrices [3, 3, N]."""
+    """Roll, pitch and heading, [N] each, of matrices from body to world [3, 3, N]."""
     roll = np.arctan2(matrix[2, 1], matrix[2, 2])
     pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
     return roll, pitch, np.arctan2(matrix[1, 0], matrix[0, 0])
 
 
 def _spin(angles: Doubles, rates: Doubles) -> Doubles:
-    """Turning in body axes [3, N] of the rates of roll, pitch and yaw [3, N]."""
+    """Angular velocity in body axes [3, N], from the rates of roll, pitch and yaw [3, N]."""
     roll, pitch, _ = angles
     cr, sr, cp = np.cos(roll), np.sin(roll), np.cos(pitch)
     return np.stack(
@@ -198,9 +204,9 @@ def _spin(angles: Doubles, rates: Doubles) -> Doubles:
 
 
 def _rates(matrix: Doubles, spin: Doubles) -> Doubles:
-    """Rates of roll, pitch and yaw [3, N] of the turning in body axes [3, N].
+    """Rates of roll, pitch and yaw [3, N], from the angular velocity in body axes [3, N].
 
-    At a pitch of 90 degrees they are not defined: there the cosine is held at 0.05.
+    The rates diverge at a pitch of 90°, so the cosine of the pitch is at least 0.05.
     """
     level = np.sqrt(matrix[2, 1] ** 2 + matrix[2, 2] ** 2)
     sine, cosine = matrix[2, 1] / np.maximum(level, 1e-9), matrix[2, 2] / np.maximum(level, 1e-9)

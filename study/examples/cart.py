@@ -1,16 +1,15 @@
-"""An environment and a model of one's own, in one file: `--plugins '[study.examples.cart]'`."""
+"""Tutorial, part one: an environment. A cart with an unobserved mass is pushed to a target.
 
-from typing import Any
+An environment joins the study by the decorator `register`. It needs no change of the study's code:
+``--plugins '[study.examples.cart]'`` imports this file.
+"""
 
 import mujoco
 import numpy as np
-import torch
-from torch import Tensor, nn
 
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds
 from study.envs import Episode, Policy, Scenarios, Simulator, Variable, register
-from study.models import Model, models
 
 SCENE = """
 <mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -21,36 +20,49 @@ SCENE = """
 
 @register("cart")
 class Cart(Simulator):
-    """A double integrator with a unobserved mass, pushed towards a target."""
+    """A cart on a straight track is pushed to a target.
 
-    name = "cart"
-    title = "Cart"
-    version = 1
+    The cart is a double integrator. A Gaussian force disturbs it at each control step. Its mass is
+    not observed, and differs from trajectory to trajectory.
+    """
+
+    # These tables name every number that a model, a file or a figure holds: name, unit, meaning
+    # and, where there are any, the bounds.
+    name, title, version = "cart", "Cart", 1
     state = (Variable("x", "m", "position"), Variable("v", "m/s", "velocity"))
     action = (Variable("force", "N", "push", -1.0, 1.0),)
     unobserved = (Variable("mass", "kg", "mass", 0.5, 1.5),)
-    goal = (Variable("target", "m", "where to go"),)
+    goal = (Variable("target", "m", "position that the cart has to reach"),)
     default_horizon = 20
     control_step = 0.1
-    radius = 0.2
+    radius = 0.2  # The goal is reached within this distance of the target.
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
-        drawn = np.stack([np.random.default_rng(seed).uniform(-1, 1, 3) for seed in seeds])
-        return Scenarios(drawn[:, :2].astype(np.float32), drawn[:, 2:].astype(np.float32))
+        # A generator for each seed: a scenario must not depend on the other ones.
+        rows = [np.random.default_rng(seed).uniform(-1, 1, 3) for seed in seeds]
+        uniform = np.stack(rows).astype(np.float32)
+        return Scenarios(s0=uniform[:, :2], goal=uniform[:, 2:])
 
-    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
-        return Ride(self.control_step, s0, seeds)
+    def start_episode(
+        self, s0: Floats, seeds: Seeds | None = None, noise_steps: int = 1
+    ) -> Episode:
+        return CartEpisode(s0, seeds, self.control_step)
 
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
+        # A spring and a damper. The study plans with it on the noise-free system, clips the
+        # actions to their bounds, and executes them open loop on the noisy system.
         return lambda t, states: 2 * (scenarios.goal - states[:, :1]) - 2 * states[:, 1:]
 
+    # The outcome "reaches the target" compares these two positions, [..., 3] in metres.
+
     def position(self, states: Floats) -> Floats:
-        return np.concatenate([states[..., :1], np.zeros((*states.shape[:-1], 2))], -1).astype(
-            np.float32
-        )
+        level = np.zeros((*states.shape[:-1], 2), np.float32)
+        return np.concatenate([states[..., :1], level], axis=-1)
 
     def target(self, goal: Floats) -> Floats:
         return self.position(goal)
+
+    # Recordings and pictures show this MuJoCo model. The dynamics need not come from MuJoCo.
 
     def scene(self) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(SCENE)
@@ -59,42 +71,25 @@ class Cart(Simulator):
         return states[..., :1].astype(np.float64)
 
 
-class Ride(Episode):
-    """N carts on their way."""
+class CartEpisode(Episode):
+    """N carts, each with its own mass and noise."""
 
-    def __init__(self, control_step: float, s0: Floats, seeds: Seeds | None) -> None:
-        self.control_step, self.states = control_step, s0.astype(np.float64)
-        self.generators = [
-            np.random.default_rng([int(seed), 1]) for seed in (() if seeds is None else seeds)
-        ]
-        mass = [generator.uniform(0.5, 1.5) for generator in self.generators] or np.ones(len(s0))
-        self.unobserved = np.array(mass, np.float32)[:, None]
+    def __init__(self, s0: Floats, seeds: Seeds | None, control_step: float) -> None:
+        self.states, self.control_step = s0.astype(np.float64), control_step
+        self.generators: list[np.random.Generator] = []
+        mass = np.ones(len(s0))  # Without seeds: the nominal system, with the mean mass.
+        if seeds is not None:
+            # Not the stream of the scenario, so that noise and scenario are independent.
+            self.generators = [np.random.default_rng([int(seed), 1]) for seed in seeds]
+            mass = np.array([generator.uniform(0.5, 1.5) for generator in self.generators])
+        self.unobserved = mass.astype(np.float32)[:, None]
 
     def step(self, actions: Floats) -> Floats:
         force = actions[:, 0].astype(np.float64)
         if self.generators:
             force += [0.2 * generator.normal() for generator in self.generators]
-        speed = self.states[:, 1] + self.control_step * force / self.unobserved[:, 0]
-        self.states = np.stack([self.states[:, 0] + self.control_step * speed, speed], -1)
+        x, v = self.states.T
+        v = v + self.control_step * force / self.unobserved[:, 0]
+        x = x + self.control_step * v
+        self.states = np.stack([x, v], axis=-1)
         return self.states.astype(np.float32)
-
-
-@models.register("drift")
-class Drift(Model):
-    """Every step changes the state by a learned constant and normal noise."""
-
-    def __init__(self, scaling: Any, settings: dict[str, Any]) -> None:
-        super().__init__(scaling, settings)
-        self.noise_size = self.state_size
-        self.change = nn.Parameter(torch.zeros(self.state_size))
-        self.spread = nn.Parameter(torch.full((self.state_size,), 0.1))
-
-    def training_step(self, batch: dict[str, Tensor]) -> Tensor:
-        states = batch["states"]
-        error = states[:, 1:] - states[:, :-1] - self.change
-        loss = error.square().mean() + (error.detach().std() - self.spread).square().mean()
-        self.log("loss", loss.detach())
-        return loss
-
-    def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        return s0[:, None, None] + torch.cumsum(self.change + self.spread * noise, dim=2)

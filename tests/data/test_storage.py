@@ -1,4 +1,4 @@
-"""Files of arrays: in parts or at once the same bytes; checked, then left in the file."""
+"""Files of arrays: the same bytes in parts or together, a checksum, and mapped arrays."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from study.common.progress import Progress
 from study.data.moments import moments
 from study.data.normalization import Normalization
 from study.data.storage import Arrays, load_arrays, load_parts, save_arrays, save_parts
-from study.data.trajectories import ScenarioSet, Trajectories, joined, save_all
+from study.data.trajectories import ScenarioSet, Trajectories, concatenate, save_all
 from study.envs.observe import CHUNK, observe_scenarios, observe_trajectories
 from study.examples.cart import Cart
 
@@ -40,14 +40,14 @@ def parts(sizes: list[int], whole: Arrays) -> list[Arrays]:
 
 
 @pytest.mark.parametrize("sizes", [[ROWS], [10, 10, 3], [1] * ROWS])
-def test_in_parts_the_same_bytes(sizes: list[int], tmp_path: Path) -> None:
+def test_parts_give_the_same_bytes(sizes: list[int], tmp_path: Path) -> None:
     whole = arrays()
     save_arrays(tmp_path / "whole", whole, FACTS)
     save_parts(tmp_path / "parts", iter(parts(sizes, whole)), ROWS, FACTS)
     assert (tmp_path / "parts").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
-def test_all_kinds_of_numbers_come_back(tmp_path: Path) -> None:
+def test_all_types_of_numbers_are_read_back(tmp_path: Path) -> None:
     kinds = ["?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8"]
     whole = {kind: np.arange(12).reshape(3, 4).astype(kind) for kind in kinds}
     whole |= {"none": np.zeros((0, 4), np.float32), "turned": np.arange(6.0).reshape(2, 3).T}
@@ -60,16 +60,16 @@ def test_all_kinds_of_numbers_come_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(loaded[name], array)
 
 
-def test_what_is_written_into_them_does_not_reach_the_file(tmp_path: Path) -> None:
+def test_writing_into_loaded_arrays_does_not_change_the_file(tmp_path: Path) -> None:
     save_arrays(tmp_path / "file", arrays())
     loaded, _ = load_arrays(tmp_path / "file")
     loaded["states"] += 1
-    again, _ = load_arrays(tmp_path / "file")
-    np.testing.assert_array_equal(again["states"], arrays()["states"])
+    reloaded, _ = load_arrays(tmp_path / "file")
+    np.testing.assert_array_equal(reloaded["states"], arrays()["states"])
 
 
 @pytest.mark.parametrize("sizes", [[10, 10], [10, 10, 10], [20]])
-def test_too_few_or_too_many_rows(sizes: list[int], tmp_path: Path) -> None:
+def test_the_number_of_rows_is_checked(sizes: list[int], tmp_path: Path) -> None:
     whole = {name: np.concatenate([array, array]) for name, array in arrays().items()}
     with pytest.raises(ValueError, match="rows"):
         save_parts(tmp_path / "file", parts(sizes, whole), ROWS)
@@ -77,7 +77,7 @@ def test_too_few_or_too_many_rows(sizes: list[int], tmp_path: Path) -> None:
         load_arrays(tmp_path / "file")
 
 
-def test_parts_of_another_shape(tmp_path: Path) -> None:
+def test_the_shapes_of_parts_are_checked(tmp_path: Path) -> None:
     first, second = parts([10, 13], arrays())
     second["states"] = second["states"][:, :5]
     with pytest.raises(ValueError, match="do not fit"):
@@ -85,21 +85,21 @@ def test_parts_of_another_shape(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 10, ROWS, 100])
-def test_one_array_part_by_part(rows: int, tmp_path: Path) -> None:
+def test_one_array_is_read_part_by_part(rows: int, tmp_path: Path) -> None:
     whole = arrays()
     save_arrays(tmp_path / "file", whole)
     for name, array in whole.items():
-        found = list(load_parts(tmp_path / "file", name, rows))
-        assert max(map(len, found)) == min(rows, ROWS)
-        np.testing.assert_array_equal(np.concatenate(found), array)
+        loaded = list(load_parts(tmp_path / "file", name, rows))
+        assert max(map(len, loaded)) == min(rows, ROWS)
+        np.testing.assert_array_equal(np.concatenate(loaded), array)
 
 
-@pytest.mark.parametrize("place", [3, 40, -200, -1])
-def test_every_damage_is_found(place: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("position", [3, 40, -200, -1])
+def test_every_damage_is_found(position: int, tmp_path: Path) -> None:
     path = tmp_path / "file"
     save_arrays(path, arrays(), FACTS)
     content = bytearray(path.read_bytes())
-    content[place] ^= 4
+    content[position] ^= 4
     path.write_bytes(content)
     with pytest.raises(StudyError, match="file"):
         load_arrays(path)
@@ -109,7 +109,7 @@ def test_every_damage_is_found(place: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [2, 3, 7, 14])
-def test_moments_are_those_of_the_whole_bit_for_bit(size: int) -> None:
+def test_moments_equal_those_of_the_whole_bit_for_bit(size: int) -> None:
     values = np.random.default_rng(size).normal(5.0, 2.0, (700, 13, size)).astype(np.float32)
     for step in (1000, 333, 1):
         starts = range(0, len(values), step)
@@ -118,21 +118,22 @@ def test_moments_are_those_of_the_whole_bit_for_bit(size: int) -> None:
         np.testing.assert_array_equal(deviation, values.std(axis=(0, 1), dtype=np.float64))
 
 
-def test_scaling_of_more_trajectories_than_are_looked_at_together(
+def test_normalization_does_not_depend_on_the_chunk_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    train = joined(observe_trajectories(Cart(), 50, 0, Progress()))
-    whole = Normalization.of(train)
-    monkeypatch.setattr("study.data.normalization.PART", 7)
-    for name, value in vars(Normalization.of(train)).items():
+    train = concatenate(observe_trajectories(Cart(), 50, 0, Progress()))
+    whole = Normalization.from_trajectories(train)
+    monkeypatch.setattr("study.data.normalization.CHUNK", 7)
+    for name, value in vars(Normalization.from_trajectories(train)).items():
         np.testing.assert_array_equal(value, getattr(whole, name))
     changes = np.diff(train.states, axis=1) / whole.state_scale
     expected = changes.std(axis=(0, 1), dtype=np.float64).astype(np.float32)
     np.testing.assert_array_equal(whole.delta_std, expected)
 
 
-def test_observations_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However many are simulated at once, the file is the same."""
+def test_data_sets_do_not_depend_on_the_chunk_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
 
     def files(chunk: int) -> tuple[bytes, ...]:
         monkeypatch.setattr("study.envs.observe.CHUNK", chunk)
@@ -141,7 +142,7 @@ def test_observations_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         save_all(tmp_path / "test", observe_scenarios(Cart(), 5, 3, 0, Progress()), 5)
         return tuple((tmp_path / name).read_bytes() for name in ("train", "test"))
 
-    joined(observe_trajectories(Cart(), 9, 0, Progress())).save(tmp_path / "whole")
+    concatenate(observe_trajectories(Cart(), 9, 0, Progress())).save(tmp_path / "whole")
     assert files(CHUNK) == files(6) == files(2)
     assert (tmp_path / "train").read_bytes() == (tmp_path / "whole").read_bytes()
     assert len(Trajectories.load(tmp_path / "train")) == 9

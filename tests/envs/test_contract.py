@@ -1,4 +1,4 @@
-"""What holds for every environment: shapes, bounds, seeds, and one step after the other."""
+"""What holds for every environment: shapes, bounds, seeds and episodes."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from study.envs import Rollout, Scenarios, Simulator, simulators
 from study.examples import cart
 
 assert cart.Cart.name == "cart"
-COUNT = 43  # fills no swarm
+COUNT = 43  # Not a multiple of any swarm's size.
 
 
 @dataclass(frozen=True)
 class World:
-    """An environment, and what happened in it."""
+    """An environment with planned and executed scenarios."""
 
     simulator: Simulator
     seeds: Seeds
@@ -30,8 +30,8 @@ def world(request: pytest.FixtureRequest) -> World:
     simulator, seeds = simulators[request.param](), spawn(7, COUNT)
     scenarios = simulator.sample_scenarios(seeds)
     if request.param == "uav":
-        scenarios.s0[3, 2] = 1.0  # one that crashes
-        scenarios.s0[5, 16] = 0.05  # and one that runs empty
+        scenarios.s0[3, 2] = 1.0  # It crashes.
+        scenarios.s0[5, 16] = 0.05  # Its battery becomes empty.
     actions = simulator.plan(scenarios, seeds)
     return World(
         simulator, seeds, scenarios, actions, simulator.rollout(scenarios.s0, actions, seeds)
@@ -97,7 +97,7 @@ def test_a_rollout_begins_at_s0_and_a_shorter_one_is_its_beginning(world: World)
 
 
 @pytest.mark.parametrize(
-    ("rows", "threads", "at_once"),
+    ("rows", "threads", "chunk_size"),
     [
         (np.arange(1), 1, 2048),
         (np.arange(5, 22), 1, 2048),
@@ -106,55 +106,59 @@ def test_a_rollout_begins_at_s0_and_a_shorter_one_is_its_beginning(world: World)
         (np.arange(COUNT), 1, 10),
         (np.random.default_rng(0).permutation(COUNT)[:23], 3, 7),
     ],
-    ids=["alone", "17", "reversed", "2 threads", "10 at once", "shuffled, 3 threads, 7 at once"],
+    ids=[
+        "alone",
+        "17",
+        "reversed",
+        "2 threads",
+        "chunks of 10",
+        "shuffled, 3 threads, chunks of 7",
+    ],
 )
 def test_a_trajectory_depends_on_its_own_seed_alone(
     world: World,
     rows: np.ndarray,
     threads: int,
-    at_once: int,
+    chunk_size: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     simulator = simulators[world.simulator.name](threads=threads)
-    monkeypatch.setattr(type(simulator), "at_once", at_once)
-    drawn, expected = (
-        simulator.sample_scenarios(world.seeds[rows]),
-        world.simulator.sample_scenarios(world.seeds),
-    )
-    np.testing.assert_array_equal(drawn.s0, expected.s0[rows])
-    np.testing.assert_array_equal(drawn.goal, expected.goal[rows])
+    monkeypatch.setattr(type(simulator), "chunk_size", chunk_size)
+    sampled = simulator.sample_scenarios(world.seeds[rows])
+    expected = world.simulator.sample_scenarios(world.seeds)
+    np.testing.assert_array_equal(sampled.s0, expected.s0[rows])
+    np.testing.assert_array_equal(sampled.goal, expected.goal[rows])
     scenarios = Scenarios(world.scenarios.s0[rows], world.scenarios.goal[rows])
     planned = simulator.plan(scenarios, world.seeds[rows])
     np.testing.assert_array_equal(planned, world.actions[rows])
-    again = simulator.rollout(scenarios.s0, world.actions[rows], world.seeds[rows])
-    np.testing.assert_array_equal(again.states, world.noisy.states[rows])
-    np.testing.assert_array_equal(again.unobserved, world.noisy.unobserved[rows])
+    rollout = simulator.rollout(scenarios.s0, world.actions[rows], world.seeds[rows])
+    np.testing.assert_array_equal(rollout.states, world.noisy.states[rows])
+    np.testing.assert_array_equal(rollout.unobserved, world.noisy.unobserved[rows])
 
 
-def test_noise_drawn_ahead_is_the_noise_drawn_step_by_step(world: World) -> None:
+def test_noise_does_not_depend_on_the_steps_sampled_together(world: World) -> None:
     s0, seeds = world.scenarios.s0[:5], world.seeds[:5]
-    for ahead in (1, 3):
-        episode = world.simulator.start(s0, seeds, ahead)
+    for noise_steps in (1, 3):
+        episode = world.simulator.start_episode(s0, seeds, noise_steps)
         for t in range(7):
             states = episode.step(world.actions[:5, t])
             np.testing.assert_array_equal(states, world.noisy.states[:5, t + 1])
 
 
-def test_noise_differs_between_seeds_and_is_absent_without(world: World) -> None:
+def test_seeds_give_noise_and_no_seeds_the_nominal_system(world: World) -> None:
     s0, simulator = world.scenarios.s0, world.simulator
     other = simulator.rollout(s0, world.actions, spawn(8, COUNT)).states[:, -1]
     assert (other != world.noisy.states[:, -1]).any(axis=1).all()
     nominal = simulator.rollout(s0, world.actions).states
-    np.testing.assert_array_equal(simulator.rollout(s0, world.actions).states, nominal)
-    # The plan was made in closed loop with the nominal system: replayed, it gives the same way.
+    # The plan was made in closed loop with the nominal system.
     policy, states = simulator.policy(world.scenarios, world.seeds), s0
-    episode = simulator.start(s0)
+    episode = simulator.start_episode(s0)
     for t in range(simulator.horizon):
-        states = episode.step(simulator.bounded(policy(t, states)))
+        states = episode.step(simulator.clip_actions(policy(t, states)))
     np.testing.assert_array_equal(states, nominal[:, -1])
 
 
-def test_actions_beyond_their_bounds_count_as_the_bounds(world: World) -> None:
+def test_actions_are_clipped_to_their_bounds(world: World) -> None:
     low, high = np.array([(v.low, v.high) for v in world.simulator.action], np.float32).T
     wild = np.where(np.arange(5)[:, None] % 2, 10 * low, 10 * high)[None].repeat(3, 0)
     tame = np.where(np.arange(5)[:, None] % 2, low, high)[None].repeat(3, 0)
@@ -174,7 +178,7 @@ def test_events_are_named_and_one_a_trajectory(world: World) -> None:
         assert happened.dtype == np.bool_
 
 
-def test_outcomes_are_named_and_the_task_comes_first(world: World) -> None:
+def test_outcomes_are_named_and_the_goal_comes_first(world: World) -> None:
     states, goal = world.noisy.states[:, 1:], world.scenarios.goal
     found = world.simulator.outcomes(states, goal)
     first = next(iter(found))
@@ -186,5 +190,5 @@ def test_outcomes_are_named_and_the_task_comes_first(world: World) -> None:
         assert happened.shape == (COUNT,), name
         assert happened.dtype == np.bool_
         assert world.simulator.outcomes(fan, goal[:, None])[name].shape == (COUNT, 2)
-        if name != first:  # the goal may have succeeded before
+        if name != first:  # The goal may have been reached before.
             assert not world.simulator.outcomes(broken, goal)[name].any(), name

@@ -1,4 +1,4 @@
-"""The Pusher: its physics, its plans, its contract."""
+"""The Pusher: its noise, physics, scenarios and plans."""
 
 from dataclasses import replace
 
@@ -9,13 +9,12 @@ import pytest
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
 from study.envs.pusher import BEHIND, Pusher
-from study.envs.pusher_policy import CONTACT, HABITS, LINK, Habits
+from study.envs.pusher_policy import CONTACT, LINK
 from study.envs.simulator import Rollout, Scenarios
-from tests.helpers import docstrings
 
 COUNT = 100
 BALL_MASS = 0.04
-INERTIA = 7 / 5 * BALL_MASS  # of a rolling ball, against a push
+INERTIA = 7 / 5 * BALL_MASS  # of a rolling ball
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +50,7 @@ def nominal(pusher: Pusher, scenarios: Scenarios, actions: Floats) -> Rollout:
 def make_state(
     angles: tuple[float, float] = (0.0, 1.0),
     rates: tuple[float, float] = (0.0, 0.0),
-    ball: tuple[float, float] = (-0.22, -0.22),  # out of reach
+    ball: tuple[float, float] = (-0.22, -0.22),  # Out of reach.
     velocity: tuple[float, float] = (0.0, 0.0),
 ) -> Floats:
     """One state [1, 12]."""
@@ -90,54 +89,15 @@ def frictionless(horizon: int, timestep: float = 0.0005) -> Pusher:
     return simulator
 
 
-# The contract (what holds for every environment is in test_contract)
-
-
-def test_docstring_states_the_numbers_of_the_code(pusher: Pusher) -> None:
+def test_constants_of_the_policy_are_those_of_the_model(pusher: Pusher) -> None:
     model = pusher.model
-    ball, peg = model.geom("ball"), model.geom("peg")
-    shoulder, slide = model.joint("shoulder"), model.joint("ball_x")
-    inertia = 1 + slide.armature[0] / model.body("ball").mass[0]
-    step = pusher.control_step / model.opt.timestep
-    docstrings.check(
-        Pusher,
-        (
-            Pusher.state,
-            Pusher.action,
-            Pusher.goal,
-            Pusher.scenario_variables,
-            Pusher.conditions,
-            HABITS,
-        ),
-        [
-            f"(two links of {LINK:g} m, {1000 * density(model):.0f} kg/m³)",
-            f"peg (radius {peg.size[0]:g} m)",
-            f"(radius {ball.size[0]:g} m, {model.body('ball').mass[0]:g} kg)",
-            f"as inert as {inertia * 5:.0f}/5 of its mass",
-            f"viscous damping of {slide.damping[0]:g} N·s/m",
-            f"comes to ±{slide.range[1]:g} m",
-            f"a motor gear of {model.actuator('upper_torque').gear[0]:g}, armature "
-            f"{shoulder.armature[0]:g} kg·m² and damping {shoulder.damping[0]:g} N·m·s",
-            "(The Reacher's gear of 200 and armature of 1 kg·m²",  # Gymnasium's reacher.xml
-            f"standard deviation {Pusher.torque_noise:g} N·m",
-            f"{Pusher.default_horizon} control steps of {Pusher.control_step:g} s",
-            f"within {Pusher.radius:g} m of the target",
-            f"offset of standard deviation {Habits.OFFSET:g} m",
-            f"velocity of standard deviation {Habits.WANDER:g} m/s, "
-            f"correlated by {Habits.MEMORY:g}",
-        ],
-    )
-    assert step == pytest.approx(4)
-    assert "(four physics steps each)" in " ".join((Pusher.__doc__ or "").split())
-    assert ball.size[0] + peg.size[0] == pytest.approx(CONTACT)
-    assert peg.size[0] == model.geom("upper_arm").size[0]
-
-
-def density(model: mujoco.MjModel) -> float:
-    """Of the upper arm, a capsule, in g/cm³."""
-    radius, half = model.geom("upper_arm").size[:2]
-    volume = np.pi * radius**2 * (2 * half + 4 / 3 * radius)
-    return float(model.body("upper_arm").mass[0] / volume / 1000)
+    peg, arm = model.geom("peg"), model.geom("upper_arm")
+    assert model.geom("ball").size[0] + peg.size[0] == pytest.approx(CONTACT)
+    assert peg.size[0] == arm.size[0]
+    assert 2 * arm.size[1] == pytest.approx(LINK)
+    inertia = model.body("ball").mass[0] + model.joint("ball_x").armature[0]
+    assert inertia == pytest.approx(INERTIA)
+    assert pusher.control_step / model.opt.timestep == pytest.approx(4)
 
 
 # Noise
@@ -171,7 +131,7 @@ def test_a_trajectory_can_be_resumed_from_any_state(
 ) -> None:
     resumed = pusher.rollout(nominal.states[:, 60], actions[:, 60:]).states
     error = np.abs(resumed[:, :4] - nominal.states[:, 60:64]).max()
-    assert error < 1e-4  # float32 rounding of the state, grown over three steps
+    assert error < 1e-4  # Rounding of the state to float32, grown over three steps.
 
 
 def test_arm_end_is_where_mujoco_has_it(pusher: Pusher, noisy: Rollout) -> None:
@@ -213,15 +173,15 @@ def test_ball_stays_on_the_table_however_hard_it_is_pushed(direction: float) -> 
     simulator = frictionless(120, timestep=0.01)
     heading = (2 * np.cos(direction), 2 * np.sin(direction))
     ball = coast(simulator, make_state(ball=(0.0, -0.2), velocity=heading))[:, 8:10]
-    assert np.abs(ball).max() > 0.235  # it did reach a cushion
+    assert np.abs(ball).max() > 0.235  # It reached a cushion.
     assert np.abs(ball).max() < 0.26
 
 
 def test_the_arm_pushes_the_ball_and_the_ball_pushes_the_arm() -> None:
-    """Angular momentum about the shoulder is conserved, and it passes both ways."""
-    simulator = frictionless(20)  # too short for the ball to reach a cushion
+    """Angular momentum about the shoulder is conserved, and passes both ways."""
+    simulator = frictionless(20)  # Too short for the ball to reach a cushion.
     x, y = LINK * (1 + np.cos(1.0)), LINK * np.sin(1.0)
-    heading = np.array([-y, x]) / np.hypot(x, y)  # the arm end's, as the shoulder turns
+    heading = np.array([-y, x]) / np.hypot(x, y)  # Of the arm end, as the shoulder rotates.
     ball_x, ball_y = np.array([x, y]) + 0.04 * heading
 
     struck = coast(simulator, make_state((0, 1), (3.0, 0.0), (ball_x, ball_y)))
@@ -246,7 +206,7 @@ def test_the_arm_pushes_the_ball_and_the_ball_pushes_the_arm() -> None:
     ],
 )
 def test_events_say_how_the_ball_is_hit(pusher: Pusher, aside: float, event: str) -> None:
-    """The arm turns past a ball that lies `aside` of its way, in units of the contact's reach."""
+    """The ball lies `aside` of the peg's path, in units of the distance at contact."""
     out = LINK * (1 + np.cos(1.0)), LINK * np.sin(1.0)
     reach, bearing = float(np.hypot(*out)), float(np.arctan2(out[1], out[0]))
     distance, ahead = reach + aside * CONTACT, bearing + 0.5
@@ -262,7 +222,7 @@ def test_only_the_peg_touches_the_ball(pusher: Pusher) -> None:
     upper_arm_across = make_state(angles=(0.0, 1.5), rates=(0, 0), ball=(0.05, 0.03))
     states = coast(pusher, upper_arm_across, torque=(0.01, 0.0))
     theta = np.arctan2(states[:, 3], states[:, 2])
-    assert theta.max() > np.arctan2(0.03, 0.05)  # the upper arm has swept over the ball
+    assert theta.max() > np.arctan2(0.03, 0.05)  # The upper arm has passed above the ball.
     np.testing.assert_array_equal(states[:, 8:10], np.tile(states[0, 8:10], (121, 1)))
 
 
@@ -286,7 +246,7 @@ def test_energy_is_conserved_to_first_order_of_the_physics_step() -> None:
 def test_the_physics_step_is_fine_enough(
     scenarios: Scenarios, actions: Floats, noisy: Rollout, seeds: Seeds
 ) -> None:
-    """A quarter of the step, same noise: the ball ends where it did, but for chaos in few cases."""
+    """With a quarter of the step and the same noise, the ball ends at the same place in most."""
     fine = Pusher()
     for model in (fine.model, fine.swarm):
         model.opt.timestep /= 4
@@ -310,7 +270,7 @@ def test_scenarios_meet_their_conditions_and_vary(scenarios: Scenarios) -> None:
         "travel": travel,
         "behind": np.linalg.norm(behind, axis=1),
     }
-    for condition in Pusher.conditions:
+    for condition in Pusher.scenario_conditions:
         assert (values[condition.name] >= condition.low - 1e-6).all()
         assert (values[condition.name] <= condition.high + 1e-6).all()
     assert (s0[:, [4, 7, 10, 11]] == 0).all()

@@ -1,4 +1,4 @@
-"""The UAV: its contract, its physics against formulas and a second rigid body, and its tasks."""
+"""The UAV: its physics against formulas and an independent rigid body, its noise and plans."""
 
 import mujoco
 import numpy as np
@@ -12,7 +12,6 @@ from study.envs import uav_physics as physics
 from study.envs.uav_autopilot import ALLOCATION, _mix
 from study.envs.uav_flight import Flight, _rates, _spin
 from study.envs.uav_physics import SWARM, Bodies, Weather
-from tests.helpers import docstrings
 
 
 def still(count: int, height: float = 30.0, **columns: float) -> Floats:
@@ -25,7 +24,7 @@ def still(count: int, height: float = 30.0, **columns: float) -> Floats:
 
 
 def hover(flight: Flight, seconds: float, command: tuple[float, ...] = (0, 0, 0, 0)) -> Floats:
-    """The states [N, 17] after a constant command, looked at every two seconds."""
+    """The states [N, 17] after a constant command, which is renewed every two seconds."""
     actions = np.tile(np.array(command, np.float32), (flight.count, 1))
     for _ in range(round(seconds / 2)):
         state = flight.advance(actions, round(2.0 / flight.timestep))
@@ -33,16 +32,16 @@ def hover(flight: Flight, seconds: float, command: tuple[float, ...] = (0, 0, 0,
 
 
 def fly(simulator: Simulator, count: int, seed: int = 0) -> tuple[Floats, Floats, Seeds]:
-    """Starts and plans of `count` scenarios, and seeds to fly them with."""
+    """Initial states, plans and seeds of `count` scenarios."""
     seeds = spawn(seed, count)
     scenarios = simulator.sample_scenarios(seeds)
     return scenarios.s0, simulator.plan(scenarios, seeds), seeds
 
 
-# The contract (what holds for every environment is in test_contract)
+# Noise and scenarios
 
 
-def test_other_seeds_draw_other_payloads_and_gusts() -> None:
+def test_payloads_and_gusts_differ_between_seeds() -> None:
     simulator = simulators["uav"](horizon=5)
     s0, actions, _ = fly(simulator, 1)
     many = simulator.rollout(s0.repeat(400, 0), actions.repeat(400, 0), spawn(9, 400))
@@ -66,51 +65,18 @@ def test_the_nominal_system_has_the_mean_payload_and_no_gust() -> None:
     assert (nominal.states[..., 12:15] == s0[:, None, 12:15]).all()
 
 
-def test_the_docstring_says_what_the_code_does() -> None:
-    cls = uav.Uav
-    wind = np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
-    calm, breeze = physics.gust_deviations(wind).T
-    level, vertical = physics.GUST_TIMES[0, 0], physics.GUST_TIMES[2, 0]
-    ceiling = physics.THRUST_CONSTANT * physics.MAX_SPEED**2
-    docstrings.check(
-        cls,
-        (cls.state, cls.action, cls.unobserved, cls.goal, cls.scenario_variables, uav_pilot.HABITS),
-        [
-            "PX4",
-            f"{physics.MASS} kg without payload",
-            f"up to {ceiling:.2f} N",
-            f"by {physics.SPEED_UP_TIME} s (faster) or {physics.SLOW_DOWN_TIME} s (slower)",
-            f"to {physics.EMPTY_VOLTAGE:.3f} of the full one's",
-            f"holds {physics.ENERGY / 3600} Wh",
-            f"draw {physics.AVIONICS_POWER:g} W",
-            f"autopilot run at {1 / cls(1).scene().opt.timestep:g} Hz",
-            f"within {cls.radius:g} m of the target at any step of the horizon",
-            f"the rest of s0 zero; `rise` shrinks with a horizon below {cls.default_horizon}",
-            "the wind of s0",
-            f"deviation {calm[0]:g} + {breeze[0] - calm[0]:g} W m/s and correlation time "
-            f"{level:g} s level, and {calm[2]:g} + {breeze[2] - calm[2]:g} W m/s and "
-            f"{vertical:g} s vertically",
-            f"{physics.TEMPERATURE_DEVIATION:g} degC and {physics.TEMPERATURE_TIME:g} s",
-            f"payload {physics.MEAN_PAYLOAD} kg",
-            f"{cls.default_horizon} control steps of {cls.control_step} s",
-            f"at most at {uav_pilot.MAX_SPEED:g} m/s level",
-            "comes down to z = 0 stays",
-        ],
-    )
-
-
 def test_scenarios_lie_within_their_bounds() -> None:
     simulator = simulators["uav"]()
     scenarios = simulator.sample_scenarios(spawn(2, 300))
-    bounds = {v.name: v for v in uav.START}
+    bounds = {v.name: v for v in uav.SCENARIO_VARIABLES}
     for column, variable in enumerate(simulator.state):
-        drawn = scenarios.s0[:, column]
-        assert (drawn >= variable.low).all()
-        assert (drawn <= variable.high).all()
+        sampled = scenarios.s0[:, column]
+        assert (sampled >= variable.low).all()
+        assert (sampled <= variable.high).all()
         if variable.name in bounds:
             v = bounds[variable.name]
-            assert drawn.min() == pytest.approx(v.low, abs=0.05 * (v.high - v.low))
-            assert drawn.max() == pytest.approx(v.high, abs=0.05 * (v.high - v.low))
+            assert sampled.min() == pytest.approx(v.low, abs=0.05 * (v.high - v.low))
+            assert sampled.max() == pytest.approx(v.high, abs=0.05 * (v.high - v.low))
     away = scenarios.goal - scenarios.s0[:, :3]
     pace = np.linalg.norm(away[:, :2], axis=1) / (simulator.horizon * simulator.control_step)
     assert pace.min() >= bounds["pace"].low
@@ -127,10 +93,10 @@ class NumpyBodies(Bodies):
         super().__init__(mass, step, threads)
         self.mass = mass
 
-    def place(self) -> None: ...
+    def write_state(self) -> None: ...
 
-    def step(self, force: Doubles, torque: Doubles, still: np.ndarray) -> None:
-        moving = ~still
+    def step(self, force: Doubles, torque: Doubles, fixed: np.ndarray) -> None:
+        moving = ~fixed
         weight = np.array([0.0, 0.0, -physics.GRAVITY])[:, None]
         inertia = physics.INERTIA[:, None]
         gyroscopic = np.cross(self.spin, inertia * self.spin, axis=0)
@@ -143,10 +109,10 @@ class NumpyBodies(Bodies):
 
 
 def test_mujoco_agrees_with_an_independent_rigid_body(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Over whole flights in gusts, with the states as they are before rounding to float32."""
+    """Over whole flights in gusts, with states before their rounding to float32."""
     simulator = simulators["uav"]()
     s0, actions, _ = fly(simulator, SWARM, seed=3)
-    s0[3, 2], actions[3, :, 2] = 3.0, -3.0  # one that crashes
+    s0[3, 2], actions[3, :, 2] = 3.0, -3.0  # It crashes.
     payload = np.linspace(0, physics.MAX_PAYLOAD, SWARM)
     ours = Flight(s0, payload)
     monkeypatch.setattr(uav_flight, "Bodies", NumpyBodies)
@@ -174,7 +140,7 @@ def test_a_vehicle_of_the_swarm_moves_like_the_one_of_the_scene() -> None:
     bodies.position[:] = generator.normal(size=(3, SWARM))
     bodies.velocity[:] = generator.normal(size=(3, SWARM))
     bodies.spin[:] = generator.normal(size=(3, SWARM))
-    bodies.place()
+    bodies.write_state()
     data.qpos[:] = [*bodies.position[:, 7], *bodies.quaternion[:, 7]]
     data.qvel[:] = [*bodies.velocity[:, 7], *bodies.spin[:, 7]]
     for _ in range(200):
@@ -192,7 +158,7 @@ def test_energy_is_conserved_to_the_order_of_the_integrator() -> None:
         bodies = Bodies(np.full(SWARM, physics.MASS), step)
         bodies.velocity[:] = np.array([3.0, -2.0, 6.0])[:, None]
         bodies.spin[:] = np.array([2.0, -1.0, 3.0])[:, None]
-        bodies.place()
+        bodies.write_state()
         inertia, zeros = physics.INERTIA[:, None], np.zeros((3, SWARM))
 
         def energies() -> Doubles:
@@ -282,15 +248,15 @@ def test_gusts_have_the_stated_deviation_and_correlation_time(step: float) -> No
     for _ in range(round(2.0 / step)):
         weather.advance(generator.standard_normal((4, count)))
     late, late_heat = weather.wind - wind, weather.temperature(np.zeros(count)) - 20.0
-    kept = (early * late).mean(axis=1) / early.var(axis=1)
-    np.testing.assert_allclose(kept, np.exp(-2.0 / physics.GUST_TIMES[:, 0]), atol=0.06)
-    heat = physics.TEMPERATURE_DEVIATION * np.sqrt(1 - np.exp(-12.0 / physics.TEMPERATURE_TIME))
+    correlation = (early * late).mean(axis=1) / early.var(axis=1)
+    np.testing.assert_allclose(correlation, np.exp(-2.0 / physics.GUST_TIMES[:, 0]), atol=0.06)
+    heat = physics.TEMPERATURE_STD * np.sqrt(1 - np.exp(-12.0 / physics.TEMPERATURE_TIME))
     assert late_heat.std() == pytest.approx(heat, rel=0.05)
-    kept_heat = (early_heat * late_heat).mean() / early_heat.var()
-    assert kept_heat == pytest.approx(np.exp(-2.0 / physics.TEMPERATURE_TIME), abs=0.06)
+    heat_correlation = (early_heat * late_heat).mean() / early_heat.var()
+    assert heat_correlation == pytest.approx(np.exp(-2.0 / physics.TEMPERATURE_TIME), abs=0.06)
 
 
-def test_less_charge_less_thrust() -> None:
+def test_top_speed_falls_with_the_charge() -> None:
     speeds = physics.top_speed(np.array([0.0, 1e-6, 50.0, 100.0]))
     assert speeds[0] == 0
     assert speeds[1] == pytest.approx(physics.MAX_SPEED * 3.5 / 4.2)
@@ -303,22 +269,22 @@ def test_the_mixer_keeps_attitude_when_thrust_runs_out() -> None:
     count = 200
     torque = generator.normal(size=(3, count)) * np.array([0.5, 0.5, 0.05])[:, None]
     thrust, ceiling = generator.uniform(0, 40, count), np.full(count, 7.0)
-    for harder in (0.4, 3.0):
-        thrusts = _mix(thrust, harder * torque, ceiling)
+    for factor in (0.4, 3.0):
+        thrusts = _mix(thrust, factor * torque, ceiling)
         assert thrusts.min() >= 0
         assert thrusts.max() <= 7.0 + 1e-12
-        given = ALLOCATION @ thrusts
-        # One scale for roll and pitch, so the direction of the torque is kept; 1 where it fits.
-        scale = given[1] / (harder * torque[0])
-        np.testing.assert_allclose(given[2], scale * harder * torque[1], atol=1e-9)
+        allocated = ALLOCATION @ thrusts
+        # Roll and pitch have a common scale, which is 1 where the ceiling allows it.
+        scale = allocated[1] / (factor * torque[0])
+        np.testing.assert_allclose(allocated[2], scale * factor * torque[1], atol=1e-9)
         assert scale.max() <= 1 + 1e-9
-        assert np.isclose(scale, 1).mean() > (0.99 if harder < 1 else 0.05)
-        if harder < 1:
-            assert 0.1 < np.isclose(given[0], thrust).mean() < 0.9
+        assert np.isclose(scale, 1).mean() > (0.99 if factor < 1 else 0.05)
+        if factor < 1:
+            assert 0.1 < np.isclose(allocated[0], thrust).mean() < 0.9
     assert (_mix(thrust, torque, np.zeros(count)) == 0).all()
 
 
-# The end
+# Ground and battery
 
 
 def test_the_ground_ends_a_flight_in_a_defined_state() -> None:
@@ -331,8 +297,8 @@ def test_the_ground_ends_a_flight_in_a_defined_state() -> None:
     assert (landed[:, 3:8] == 0).all()
     assert (landed[:, 9:12] == 0).all()
     assert (landed[:, [0, 1, 8, 16]] == landed[0, [0, 1, 8, 16]]).all()
-    assert 5.0 < landed[0, 8] < 8.0  # the heading it had, still not wrapped
-    assert (np.diff(landed[:, 12]) != 0).all()  # the weather goes on
+    assert 5.0 < landed[0, 8] < 8.0  # The initial heading, not wrapped.
+    assert (np.diff(landed[:, 12]) != 0).all()  # The weather goes on.
     assert states[:, :, 2].min() == 0
 
 
@@ -360,7 +326,7 @@ def test_violent_commands_stay_finite_and_upright() -> None:
     assert np.abs(powered[..., 6:8]).max() < 1.2
 
 
-# The goal
+# Plans
 
 
 def test_plans_reach_the_target_on_the_nominal_system() -> None:
@@ -375,14 +341,14 @@ def test_plans_reach_the_target_on_the_nominal_system() -> None:
     assert (actions[:, :, :2] ** 2).sum(-1).max() <= uav_pilot.MAX_SPEED**2 + 1e-3
 
 
-def test_the_same_scenario_is_flown_in_many_manners() -> None:
+def test_plans_of_one_scenario_vary_with_the_seed() -> None:
     simulator = simulators["uav"]()
     scenarios = simulator.sample_scenarios(spawn(7, 1).repeat(20))
     actions = simulator.plan(scenarios, spawn(8, 20))
     assert (actions.std(axis=0).mean(axis=0) > [0.3, 0.3, 0.1, 0.05]).all()
 
 
-# The picture
+# Scene
 
 
 def test_the_scene_is_the_airframe_of_the_physics() -> None:
@@ -397,7 +363,7 @@ def test_the_scene_is_the_airframe_of_the_physics() -> None:
         assert model.geom(f"rotor_{rotor}").size[0] == physics.ROTOR_RADIUS
 
 
-def test_configuration_draws_the_state() -> None:
+def test_configuration_is_the_pose_of_the_state() -> None:
     simulator = simulators["uav"]()
     states = still(6).reshape(2, 3, 17)
     states[..., :9] = np.random.default_rng(0).uniform(-1, 1, (2, 3, 9))
@@ -408,5 +374,5 @@ def test_configuration_draws_the_state() -> None:
     data = mujoco.MjData(model)
     data.qpos[:] = configuration[1, 2]
     mujoco.mj_kinematics(model, data)
-    wanted = Rotation.from_euler("ZYX", states[1, 2, [8, 7, 6]].astype(float)).as_matrix()
-    np.testing.assert_allclose(data.body("uav").xmat.reshape(3, 3), wanted, atol=1e-9)
+    expected = Rotation.from_euler("ZYX", states[1, 2, [8, 7, 6]].astype(float)).as_matrix()
+    np.testing.assert_allclose(data.body("uav").xmat.reshape(3, 3), expected, atol=1e-9)

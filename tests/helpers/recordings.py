@@ -1,6 +1,6 @@
-"""A small world to record: a puck on a table, pushed about, and a sledge that never moves."""
+"""Data to record: a puck that forces push over a table, its forecasts, a search, and scores."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -8,9 +8,10 @@ import pandas as pd
 
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
+from study.envs import Episode, Policy, Scenarios, Simulator, Variable
 from study.envs.noise import Noise
-from study.envs.simulator import Episode, Policy, Scenarios, Simulator, Variable
-from study.recording.forecasts import Example
+from study.recording.examples import Example
+from study.recording.tuning import Trial
 
 SCENE = """
 <mujoco>
@@ -37,7 +38,7 @@ SCENE = """
 
 
 class Puck(Simulator):
-    """State (x, y, ẋ, ẏ): a random walk that forces push; the goal is to come close to a point."""
+    """State (x, y, ẋ, ẏ), noisy forces, and the goal to come close to a point."""
 
     name: ClassVar[str] = "puck"
     title: ClassVar[str] = "Puck"
@@ -61,7 +62,9 @@ class Puck(Simulator):
         s0 = np.zeros((len(seeds), 4), dtype=np.float32)
         return Scenarios(s0, np.full((len(seeds), 2), 0.8, dtype=np.float32))
 
-    def start(self, s0: Floats, seeds: Seeds | None = None, ahead: int = 1) -> Episode:
+    def start_episode(
+        self, s0: Floats, seeds: Seeds | None = None, noise_steps: int = 1
+    ) -> Episode:
         return Slide(self.control_step, s0, seeds)
 
     def policy(self, scenarios: Scenarios, seeds: Seeds) -> Policy:
@@ -85,7 +88,7 @@ class Puck(Simulator):
 
 
 class Slide(Episode):
-    """N pucks at once."""
+    """N pucks in motion."""
 
     def __init__(self, control_step: float, s0: Floats, seeds: Seeds | None) -> None:
         self.control_step, self.states = control_step, s0.astype(np.float64)
@@ -104,21 +107,21 @@ class Slide(Episode):
 
 
 def examples(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Example]:
-    """Scenarios of a simulator with forecasts that are too narrow, and three members."""
-    rules = ("median", "best", "worst", "most bimodal", "most certain", "least certain", "first")
+    """Examples with forecasts of too low variance, from an ensemble of three members."""
+    titles = ("median", "best", "worst", "most bimodal", "most certain", "least certain", "first")
     scenarios = simulator.sample_scenarios(spawn(1, count))
     actions = simulator.plan(scenarios, spawn(2, count))
-    made = []
+    built = []
     for index in range(count):
         s0 = np.repeat(scenarios.s0[index : index + 1], samples, axis=0)
         plan = np.repeat(actions[index : index + 1], samples, axis=0)
         observed = simulator.rollout(s0, plan, spawn(3 + index, samples)).states[:, 1:]
         other = simulator.rollout(s0, plan, spawn(90 + index, samples)).states[:, 1:]
         forecast = observed.mean(axis=0) + 0.6 * (other - other.mean(axis=0))
-        made.append(
+        built.append(
             Example(
-                scenario=10 * index,
-                rule=f"{rules[index % 7]}: its MMD is the {rules[index % 7]} of all scenarios",
+                title=titles[index % 7],
+                description=f"Scenario {10 * index}: its MMD² is the {titles[index % 7]} of all.",
                 s0=scenarios.s0[index],
                 actions=actions[index],
                 goal=scenarios.goal[index],
@@ -130,13 +133,13 @@ def examples(simulator: Simulator, count: int = 2, samples: int = 40) -> list[Ex
                 epistemic=np.linspace(-0.001, 0.01, other.shape[1]),
             )
         )
-    return made
+    return built
 
 
-def trials() -> list[dict[str, Any]]:
+def trials() -> list[Trial]:
     """A search in which some trials were pruned, and one failed."""
     random = np.random.default_rng(0)
-    found: list[dict[str, Any]] = []
+    search: list[Trial] = []
     for number in range(14):
         beta = float(10 ** random.uniform(-4, 0))
         level = 0.2 + 0.08 * (np.log10(beta) + 2) ** 2
@@ -146,11 +149,9 @@ def trials() -> list[dict[str, Any]]:
         state = "failed" if number == 5 else "pruned" if level > 0.35 else "complete"
         if state != "complete":
             curve = dict(list(curve.items())[: 4 if state == "pruned" else 0])
-        value = list(curve.values())[-1] if state == "complete" else None
-        found.append(
-            {"number": number, "beta": beta, "value": value, "state": state, "intermediate": curve}
-        )
-    return found
+        score = None if state == "failed" else list(curve.values())[-1]
+        search.append(Trial(number, beta, state, score, curve))
+    return search
 
 
 def scores(dimensions: tuple[str, ...] = ("x", "y", "ẋ", "ẏ"), steps: int = 30) -> pd.DataFrame:
@@ -183,11 +184,11 @@ def study_scores(seeds: int = 1) -> pd.DataFrame:
             for model in ("residual_vae", "full_vae", "drift", "oracle"):
                 for seed in range(seeds):
                     table = scores(("x", "y"), 12 if environment == "puck" else 20)
-                    # The oracle is scored once, and is the same at both levels.
+                    # The oracle does not depend on the level.
                     table["value"] *= 0.01 if model == "oracle" else random.uniform(0.5, 2.0)
                     if model == "oracle":
-                        ruler = table[(table["metric"] == "mmd2") & (table["dimension"] == "all")]
-                        table = pd.concat([table, ruler.assign(metric="mmd2_shift_1")])
+                        rows = table[(table["metric"] == "mmd2") & (table["dimension"] == "all")]
+                        table = pd.concat([table, rows.assign(metric="mmd2_shift_1")])
                     cell = {"environment": environment, "level": level, "model": model}
                     tables.append(table.assign(**cell, seed=seed))
     return pd.concat(tables, ignore_index=True)

@@ -1,4 +1,4 @@
-"""The recording of training data: the same numbers as the data, small, and explained."""
+"""``data.rrd`` holds the same numbers as the trajectories, is small, and explains itself."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ import pytest
 from study.common.errors import StudyError
 from study.common.seeds import spawn
 from study.data.trajectories import Trajectories
-from study.envs.simulator import Variable
+from study.data.variables import Variable
 from study.recording import data as data_recording
 from study.recording.data import record_data
 from study.recording.integrity import check
@@ -40,12 +40,12 @@ def test_signals_are_those_of_the_trajectories(tmp_path: Path) -> None:
 
 
 class Weighted(recordings.Puck):
-    """A puck with a unobserved load."""
+    """A puck with an unobserved load."""
 
     unobserved: ClassVar[tuple[Variable, ...]] = (Variable("load", "kg", "mass carried"),)
 
 
-def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
+def test_unobserved_variables_are_recorded_for_each_trajectory(tmp_path: Path) -> None:
     load = np.array([[0.1], [0.5], [0.2], [np.inf], [0.4]], dtype=np.float32)
     path = tmp_path / "data.rrd"
     record_data(path, Weighted(), replace(trajectories(), unobserved=load), recordings.PROPERTIES)
@@ -55,17 +55,17 @@ def test_what_is_hidden_is_recorded_for_each_trajectory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tiny", [0.02, 100.0])
-def test_the_text_tells_of_a_close_up_where_there_is_one(
+def test_the_text_explains_a_close_up_where_there_is_one(
     tiny: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(data_recording, "_TINY", tiny)
     record_data(tmp_path / "data.rrd", recordings.Puck(), trajectories(), recordings.PROPERTIES)
     text = document(tmp_path / "data.rrd", "/closest/about")
     assert ("*Close-up*" in text) == (tiny > 1)
-    assert "- *Distance*: success" in text
+    assert "- *Distance to the target*" in text
 
 
-def test_a_trajectory_that_is_lost_is_drawn_until_then(tmp_path: Path) -> None:
+def test_a_trajectory_is_drawn_up_to_its_last_finite_state(tmp_path: Path) -> None:
     data, path = trajectories(), tmp_path / "data.rrd"
     states = data.states.copy()
     states[2, 7:] = np.nan

@@ -1,4 +1,4 @@
-"""What the scenarios of an environment are like, in numbers."""
+"""Facts about the scenarios of an environment: how uncertain their outcomes are."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,18 @@ from study.envs.card.histogram import uncertain
 from study.metrics.normality import count_rejections, not_gaussian, not_unimodal
 
 LEVEL = 0.01
-"""Of the tests on the shape of distributions."""
+"""Significance level of the tests on the shape of distributions."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """How often something happens: in a share of all rollouts, in some of so many scenarios."""
+    """How often an event happens.
+
+    Attributes:
+        name: a sentence.
+        share: share of all rollouts.
+        scenarios: number of scenarios with the event in at least one rollout.
+    """
 
     name: str
     share: float
@@ -24,18 +30,20 @@ class Event:
 
 @dataclass(frozen=True)
 class Facts:
-    """S scenarios, rolled out K times each.
+    """Facts about S scenarios with K rollouts each.
 
     Attributes:
-        scenarios, rollouts: S and K.
-        nominal: share of scenarios whose plan succeeds on the nominal system.
-        base_rate: share of all rollouts that succeed.
-        uncertain: share of scenarios of which more than 0.1 and fewer than 0.9 succeed.
-        oracle: Brier score of the true probability, mean p (1 − p), without bias: no forecast can
-            have a lower one.
+        scenarios: S.
+        rollouts: K.
+        nominal: share of the scenarios whose plan reaches the goal on the nominal system.
+        base_rate: share of all rollouts that reach the goal.
+        uncertain: share of the scenarios with a probability of success between 0.1 and 0.9.
+        oracle: unbiased estimate of the mean of p (1 − p), the Brier score of the true
+            probabilities and the lowest possible one.
         climatology: Brier score of the base rate.
-        not_gaussian, not_unimodal: scenarios whose final `position` is found to be so at `LEVEL`.
-        by_chance: how many of each would be, at most, if all were Gaussian with one mode.
+        not_gaussian: number of scenarios for which a Gaussian final `position` is rejected.
+        not_unimodal: number of scenarios for which a unimodal final `position` is rejected.
+        expected: largest expected number of false rejections, for each of the two tests.
         events: see `Simulator.events`.
     """
 
@@ -48,33 +56,33 @@ class Facts:
     climatology: float
     not_gaussian: int
     not_unimodal: int
-    by_chance: float
+    expected: float
     events: tuple[Event, ...]
 
 
-def facts(simulator: Simulator, observed: ScenarioSet) -> Facts:
-    """Measure them on a test set."""
-    count, rollouts = observed.observed.shape[:2]
-    success = simulator.outcome(observed.observed, observed.goal[:, None])
+def measure(simulator: Simulator, scenarios: ScenarioSet) -> Facts:
+    """The facts about a set of scenarios."""
+    count, rollouts = scenarios.observed.shape[:2]
+    success = simulator.outcome(scenarios.observed, scenarios.goal[:, None])
     probability = success.mean(axis=1)
     base_rate = float(probability.mean())
-    nominal = simulator.rollout(observed.s0, observed.actions).states[:, 1:]
-    ends = simulator.position(observed.observed[:, :, -1]).astype(np.float64)
+    nominal = simulator.rollout(scenarios.s0, scenarios.actions).states[:, 1:]
+    ends = simulator.position(scenarios.observed[:, :, -1]).astype(np.float64)
     gaussian = count_rejections(not_gaussian(ends), LEVEL)
     unimodal = count_rejections(not_unimodal(ends), LEVEL)
-    s0 = np.broadcast_to(observed.s0[:, None, None], (count, rollouts, 1, observed.s0.shape[-1]))
-    events = simulator.events(np.concatenate([s0, observed.observed], axis=2))
+    s0 = np.broadcast_to(scenarios.s0[:, None, None], (count, rollouts, 1, scenarios.s0.shape[-1]))
+    events = simulator.events(np.concatenate([s0, scenarios.observed], axis=2))
     return Facts(
         scenarios=count,
         rollouts=rollouts,
-        nominal=float(simulator.outcome(nominal, observed.goal).mean()),
+        nominal=float(simulator.outcome(nominal, scenarios.goal).mean()),
         base_rate=base_rate,
         uncertain=uncertain(success),
         oracle=float((probability * (1 - probability)).mean() * rollouts / (rollouts - 1)),
         climatology=base_rate * (1 - base_rate),
         not_gaussian=gaussian.count,
         not_unimodal=unimodal.count,
-        by_chance=gaussian.expected,
+        expected=gaussian.expected,
         events=tuple(
             Event(name, float(happened.mean()), int(happened.any(axis=1).sum()))
             for name, happened in events.items()
@@ -83,27 +91,31 @@ def facts(simulator: Simulator, observed: ScenarioSet) -> Facts:
 
 
 def rows(facts: Facts) -> list[tuple[str, str]]:
-    """What each number is, and the number."""
+    """The rows of a table: quantity and value."""
     of = f"of {facts.scenarios}"
-    by_chance = f"(by chance at most {facts.by_chance:.1f})"
+    by_chance = f"(expected by chance: at most {facts.expected:.1f})"
     return [
-        ("scenarios, rollouts of each", f"{facts.scenarios}, {facts.rollouts}"),
-        ("plans that succeed on the noise-free system", f"{facts.nominal:.1%}"),
-        ("base rate: rollouts that succeed", f"{facts.base_rate:.3f}"),
+        ("scenarios", f"{facts.scenarios}"),
+        ("rollouts of each scenario", f"{facts.rollouts}"),
+        ("plans that reach the goal on the noise-free system", f"{facts.nominal:.1%}"),
+        ("base rate: rollouts that reach the goal", f"{facts.base_rate:.3f}"),
         ("scenarios with a probability of success between 0.1 and 0.9", f"{facts.uncertain:.1%}"),
-        ("Brier score of the true probabilities: no forecast can be better", f"{facts.oracle:.3f}"),
+        ("Brier score of the true probabilities, the lowest possible", f"{facts.oracle:.3f}"),
         ("Brier score of the base rate", f"{facts.climatology:.3f}"),
         (
-            f"final positions that are not Gaussian (Henze-Zirkler test, level {LEVEL})",
+            f"scenarios with non-Gaussian final positions (Henze-Zirkler test, level {LEVEL})",
             f"{facts.not_gaussian} {of} {by_chance}",
         ),
         (
-            f"final positions with more than one mode (dip test along the widest direction, "
-            f"level {LEVEL})",
+            f"scenarios with multimodal final positions (dip test along the direction of largest "
+            f"variance, level {LEVEL})",
             f"{facts.not_unimodal} {of} {by_chance}",
         ),
         *(
-            (event.name, f"{event.share:.1%} of rollouts; in some of {event.scenarios} {of}")
+            (
+                f"event: {event.name}",
+                f"{event.share:.1%} of the rollouts, in {event.scenarios} {of} scenarios",
+            )
             for event in facts.events
         ),
     ]

@@ -1,4 +1,4 @@
-"""Fans: how the rollouts of one scenario come apart over the horizon, and which succeed."""
+"""Fans: all rollouts of a scenario, in the plane and over time, coloured by their outcome."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,28 +14,33 @@ from matplotlib.patches import Circle
 from study.common.arrays import Booleans, Doubles, Floats
 from study.common.errors import BadInput, nearest
 from study.data.trajectories import ScenarioSet
-from study.envs.simulator import Simulator, Variable
+from study.data.variables import Variable
+from study.envs.simulator import Simulator
 from study.plotting import style
 from study.plotting.png import WIDTH, save
 
-WANTED = (0.1, 0.5, 0.9)
-"""The true probabilities of success that scenarios are shown for."""
+PROBABILITIES = (0.1, 0.5, 0.9)
+"""Probabilities of success; the figure shows a scenario for each."""
 
 SUCCESS, FAILURE = "#0072B2", "#D55E00"
-"""Okabe and Ito's blue and vermilion, which people with any colour vision tell apart."""
+"""Blue and vermilion of Okabe and Ito's palette for all kinds of colour vision."""
 
-_ROW = 1.75
+_ROW_HEIGHT = 1.75  # inches
 _TARGET = "#009E73"
 
 
-def typical(success: Booleans, wanted: Sequence[float] = WANTED) -> list[int]:
-    """For each wanted probability the scenario whose own is nearest, of K rollouts [S, K].
+def typical(success: Booleans, probabilities: Sequence[float] = PROBABILITIES) -> list[int]:
+    """For each probability, the scenario whose own probability of success is nearest.
 
-    No scenario is chosen twice; of several as near, the first.
+    A scenario is chosen once at most. Of several that are equally near, the first is chosen.
+
+    Args:
+        success: [S, K], of K rollouts of each of S scenarios.
+        probabilities: the probabilities, in any order.
     """
     probability = success.mean(axis=1)
     chosen: list[int] = []
-    for value in wanted[: len(success)]:
+    for value in probabilities[: len(success)]:
         distance = np.abs(probability - value)
         distance[chosen] = np.inf
         chosen.append(int(distance.argmin()))
@@ -43,10 +48,15 @@ def typical(success: Booleans, wanted: Sequence[float] = WANTED) -> list[int]:
 
 
 def most_uncertain(simulator: Simulator, observed: Floats, count: int = 3) -> list[str]:
-    """The `count` state variables that noise moves most, of states [S, K, T, D].
+    """Names of the `count` state variables with the largest share of variance from noise.
 
-    By the mean variance over the K rollouts of one scenario, as a share of the variable's whole
-    variance. East and north positions are left out: the plan view shows them.
+    The share is the mean variance within the K rollouts of a scenario, over the total variance.
+    Horizontal positions are left out, since the plan view shows them.
+
+    Args:
+        simulator: the system.
+        observed: [S, K, T, D] states.
+        count: number of variables.
     """
     states = observed.astype(np.float64)
     level = simulator.position(observed)[..., :2]
@@ -57,24 +67,24 @@ def most_uncertain(simulator: Simulator, observed: Floats, count: int = 3) -> li
     return [simulator.state[i].name for i in sorted((shown or order)[:count])]
 
 
-def fans(
+def plot_fans(
     simulator: Simulator,
     scenarios: ScenarioSet,
     path: Path,
     chosen: Sequence[int] | None = None,
     variables: Sequence[str] | None = None,
 ) -> Path:
-    """Write the observed rollouts of some scenarios to `path`, a PNG; a row for each scenario.
+    """Plot the observed rollouts of some scenarios, one scenario in each row.
 
     Args:
-        simulator: says where things are, and what succeeds.
-        scenarios: S scenarios, K rollouts of each.
-        path: the picture.
-        chosen: which of the scenarios; those of `typical` if None.
-        variables: names of the state variables over time; those of `most_uncertain` if None.
+        simulator: the system.
+        scenarios: S scenarios with K rollouts each.
+        path: the PNG file.
+        chosen: rows of `scenarios`; None for those of `typical`.
+        variables: names of state variables to plot over time; None for those of `most_uncertain`.
 
     Raises:
-        BadInput: the environment has no variable of this name.
+        BadInput: the environment has no state variable of this name.
     """
     success = simulator.outcome(scenarios.observed, scenarios.goal[:, None])
     chosen = typical(success) if chosen is None else chosen
@@ -82,11 +92,11 @@ def fans(
         variables = most_uncertain(simulator, scenarios.observed)
     columns = [_column(simulator, name) for name in variables]
     with mpl.rc_context(style.context()):
-        figure = Figure(figsize=(WIDTH, _ROW * len(chosen) + 0.3), layout="constrained")
+        figure = Figure(figsize=(WIDTH, _ROW_HEIGHT * len(chosen) + 0.3), layout="constrained")
         ratios = [1.0] + [1.25] * len(columns)
         axes = figure.subplots(len(chosen), len(ratios), squeeze=False, width_ratios=ratios)
         for row, index in zip(axes, chosen, strict=True):
-            states, succeeded = _whole(scenarios, index), success[index]
+            states, succeeded = _with_start(scenarios, index), success[index]
             _plan_view(row[0], simulator, states, scenarios.goal[index], succeeded)
             title = f"scenario {index}: {succeeded.sum()} of {len(succeeded)} succeed"
             row[0].set_title(title, loc="left", fontsize=7)
@@ -112,8 +122,8 @@ def _label(variable: Variable) -> str:
     return variable.name if variable.unit == "1" else f"{variable.name} ({variable.unit})"
 
 
-def _whole(scenarios: ScenarioSet, index: int) -> Floats:
-    """The rollouts of a scenario with their common start, [K, T+1, D]."""
+def _with_start(scenarios: ScenarioSet, index: int) -> Floats:
+    """The states of a scenario's rollouts with s_0, [K, T+1, D]."""
     observed = scenarios.observed[index]
     start = np.broadcast_to(scenarios.s0[index], (len(observed), 1, observed.shape[-1]))
     return np.concatenate([start, observed], axis=1)
@@ -127,7 +137,7 @@ def _plan_view(
     axis.add_patch(
         Circle(tuple(target[:2]), simulator.radius, facecolor=_TARGET, alpha=0.35, zorder=1)
     )
-    _draw(axis, paths, success)
+    _plot_lines(axis, paths, success)
     axis.plot(*paths[0, 0], "o", color="black", markersize=2.5, zorder=4)
     axis.add_patch(
         Circle(tuple(target[:2]), simulator.radius, fill=False, edgecolor=_TARGET, zorder=4)
@@ -139,15 +149,15 @@ def _plan_view(
 
 def _over_time(axis: Axes, simulator: Simulator, values: Floats, success: Booleans) -> None:
     time = np.broadcast_to(np.arange(values.shape[1]) * simulator.control_step, values.shape)
-    _draw(axis, np.stack([time, values], axis=-1), success)
+    _plot_lines(axis, np.stack([time, values], axis=-1), success)
     axis.autoscale_view()
     axis.margins(x=0.0)
 
 
-def _draw(axis: Axes, lines: Doubles, success: Booleans) -> None:
-    """Lines [K, T+1, 2]; neither kind is drawn over the other, for they come in their order."""
+def _plot_lines(axis: Axes, lines: Doubles, success: Booleans) -> None:
+    """Plot lines [K, T+1, 2] in the order of the rollouts, so that neither colour lies on top."""
     alpha = float(np.clip(20 / len(lines), 0.08, 0.6))
-    colours = [SUCCESS if each else FAILURE for each in success]
+    colours = [SUCCESS if succeeds else FAILURE for succeeds in success]
     axis.add_collection(
         LineCollection(list(lines), colors=colours, linewidths=0.6, alpha=alpha, zorder=2)
     )

@@ -1,4 +1,4 @@
-"""How hard the scenarios are: the histogram of their true probabilities of success."""
+"""The histogram of the scenarios' true probabilities of success."""
 
 from pathlib import Path
 
@@ -16,13 +16,19 @@ _PLAIN = "#BBBBBB"
 
 
 def counts(success: Booleans) -> Integers:
-    """How many scenarios fall in each bin of 0.1, [10], from the success of K rollouts [S, K].
+    """Number of scenarios in each bin of width 0.1.
 
-    A probability on the edge of two bins counts in the one further from 0.5, so that the eight
-    bins in the middle hold those strictly between 0.1 and 0.9.
+    A probability on the edge of two bins belongs to the one further from 0.5. So the eight bins in
+    the middle hold the probabilities strictly between 0.1 and 0.9.
+
+    Args:
+        success: [S, K], of K rollouts of each of S scenarios.
+
+    Returns:
+        [10]
     """
     rollouts = success.shape[1]
-    # In whole numbers, where 3 of 10 is 0.3.
+    # Integer arithmetic, in which 3 of 10 is exactly 0.3.
     tenths = success.sum(axis=1) * BINS
     below = np.maximum(-(-tenths // rollouts) - 1, 0)
     above = np.minimum(tenths // rollouts, BINS - 1)
@@ -31,14 +37,18 @@ def counts(success: Booleans) -> Integers:
 
 
 def uncertain(success: Booleans) -> float:
-    """The share of scenarios, [S, K], of which more than 0.1 and fewer than 0.9 succeed."""
+    """Share of the scenarios with a probability of success strictly between 0.1 and 0.9.
+
+    Args:
+        success: [S, K], of K rollouts of each of S scenarios.
+    """
     scenarios, rollouts = success.shape
     tenths = success.sum(axis=1) * BINS
     return float(((tenths > rollouts) & (tenths < (BINS - 1) * rollouts)).sum()) / scenarios
 
 
-def histogram(success: Booleans, path: Path) -> Path:
-    """Write the histogram of the true probabilities of success [S, K] to `path`, a PNG."""
+def plot_histogram(success: Booleans, path: Path) -> Path:
+    """Plot the histogram of the probabilities of success [S, K] to a PNG file."""
     scenarios, rollouts = success.shape
     base = float(success.mean())
     with mpl.rc_context(style.context()):
@@ -66,7 +76,7 @@ def histogram(success: Booleans, path: Path) -> Path:
         axis.set_axisbelow(True)
         axis.set_title(
             f"{scenarios} scenarios × {rollouts} rollouts; "
-            f"{uncertain(success):.0%} lie between 0.1 and 0.9",
+            f"{uncertain(success):.0%} between 0.1 and 0.9",
             fontsize=7,
         )
         return save(figure, path, dpi=300)

@@ -1,4 +1,4 @@
-"""Where to look at a scene from, so that all that happens is in the picture."""
+"""Cameras that have a whole path in the picture."""
 
 from dataclasses import dataclass
 
@@ -8,27 +8,32 @@ import numpy as np
 from study.common.arrays import Doubles
 
 CAMERA = "portrait"
-"""A camera of this name in a model is used instead of a fitted one."""
+"""Name of a model's own camera. A model without it gets a fitted camera."""
 
-# Share of half a picture that is left empty on either side.
 _MARGIN = 0.08
-# Degrees above the horizon: motion in a plane is seen best from above, in space from the side.
+"""Empty border, as a share of half the picture."""
 _FLAT, _SPATIAL, _CLOSE = 75.0, 20.0, 15.0
+"""Degrees above the horizon for motion in a plane, motion in space, and a close-up."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera and how wide the picture is, in metres, at the point that it looks at."""
+    """A camera, and the width of its picture in metres at the point that it looks at."""
 
     camera: mujoco.MjvCamera
     width: float
 
 
 def overview(model: mujoco.MjModel, points: Doubles, path: Doubles) -> View:
-    """A square picture of all `points` [N, 3].
+    """A view with all points in a square picture.
 
-    What moves in a plane is seen from above, north up; what moves in space more from the side,
-    looking across the main direction of `path` [T, 3].
+    It shows motion in a plane from above, with north up, and motion in space from the side, across
+    the main direction of the path.
+
+    Args:
+        model: the scene.
+        points: [N, 3].
+        path: [T, 3].
     """
     identity = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
     if identity >= 0:
@@ -40,13 +45,13 @@ def overview(model: mujoco.MjModel, points: Doubles, path: Doubles) -> View:
 
 
 def close_by(model: mujoco.MjModel, position: Doubles, size: float, far: View) -> View:
-    """A square picture of `size` metres around `position` [3], from where `far` looks."""
+    """A view of `size` metres around `position` [3], from the direction of the view `far`."""
     azimuth = far.camera.azimuth if far.camera.type == mujoco.mjtCamera.mjCAMERA_FREE else 90.0
     return _fitted(model, box(position, 0.6 * size), azimuth, _CLOSE)
 
 
 def box(centre: Doubles, reach: float) -> Doubles:
-    """Points [6, 3] that are `reach` metres from `centre` [3] along the axes."""
+    """Points [6, 3] at `reach` metres from `centre` [3] along the axes, on both sides."""
     return np.asarray(centre + reach * np.concatenate([np.eye(3), -np.eye(3)]))
 
 
@@ -55,9 +60,9 @@ def _fitted(model: mujoco.MjModel, points: Doubles, azimuth: float, elevation: f
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat[:] = (points.min(axis=0) + points.max(axis=0)) / 2
     camera.azimuth, camera.elevation = azimuth, -elevation
-    turn, tilt = np.deg2rad(azimuth), np.deg2rad(elevation)
-    forward = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), -np.sin(tilt)])
-    right = np.array([np.sin(turn), -np.cos(turn), 0.0])
+    pan, tilt = np.deg2rad(azimuth), np.deg2rad(elevation)
+    forward = np.array([np.cos(tilt) * np.cos(pan), np.cos(tilt) * np.sin(pan), -np.sin(tilt)])
+    right = np.array([np.sin(pan), -np.cos(pan), 0.0])
     axes = np.stack([right, np.cross(right, forward), forward])
     slope = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
     across, up, depth = axes @ (points - camera.lookat).T
@@ -78,7 +83,7 @@ def _named(model: mujoco.MjModel, identity: int, points: Doubles) -> View:
 
 
 def _across(path: Doubles) -> float:
-    """The azimuth in degrees, northwards if it can be, that sees the path's length sideways."""
+    """Azimuth in degrees of a camera that looks across the main direction of the path."""
     level = path[:, :2] - path[:, :2].mean(axis=0)
     if not level.any():
         return 90.0

@@ -1,4 +1,4 @@
-"""What a portrait adds to MuJoCo's picture of a scene: a target, a path, and a sense of size."""
+"""Additions to MuJoCo's picture of a scene: the target, the path, and enlarged bodies."""
 
 from itertools import pairwise
 
@@ -11,17 +11,17 @@ TARGET = (0.0, 0.62, 0.45)
 PATH = (0.90, 0.50, 0.0)
 GROUND = (0.1, 0.1, 0.1)
 
-# Widths of lines, as a share of the picture's width.
 _THIN, _THICK = 0.004, 0.009
-_CIRCLE = 48
-# A path is drawn by so many pieces at most.
-_PIECES = 200
-# Below this height, as a share of the picture's width, one sees what a point is above.
+"""Widths of lines, as a share of the picture's width."""
+_CIRCLE_POINTS = 48
+_PATH_POINTS = 200
+"""Largest number of points of a drawn path."""
 _HIGH = 0.03
+"""Height, as a share of the picture's width, above which a path gets a shadow on the ground."""
 
 
 def pose(model: mujoco.MjModel, configuration: Doubles) -> mujoco.MjData:
-    """The scene at qpos [nq]."""
+    """The scene with qpos [nq]."""
     data = mujoco.MjData(model)
     data.qpos[:] = configuration
     mujoco.mj_forward(model, data)
@@ -29,14 +29,14 @@ def pose(model: mujoco.MjModel, configuration: Doubles) -> mujoco.MjData:
 
 
 def moving(model: mujoco.MjModel) -> Booleans:
-    """Which geoms can move, [ngeom]: those not welded to the world."""
+    """Whether each geom can move, [ngeom]; it cannot if it is welded to the world."""
     return np.asarray(model.body_weldid[model.geom_bodyid] != 0)
 
 
 def enlarge(scene: mujoco.MjvScene, centre: Doubles, factor: float) -> None:
-    """Draw what can move `factor` times its size, about `centre` [3]; meshes keep theirs.
+    """Enlarge the moving geoms by `factor` about `centre` [3], except meshes.
 
-    Then nothing casts a shadow: it would be that of something as large.
+    Shadows are off in an enlarged scene, since an enlarged body would cast an enlarged shadow.
     """
     scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = factor == 1
     for geom in scene.geoms[: scene.ngeom]:
@@ -46,9 +46,9 @@ def enlarge(scene: mujoco.MjvScene, centre: Doubles, factor: float) -> None:
 
 
 def add_target(scene: mujoco.MjvScene, target: Doubles, radius: float, width: float) -> None:
-    """The sphere around `target` [3] in which the goal succeeds, translucent, and its equator."""
+    """Add the goal region, a translucent sphere around `target` [3], and its equator."""
     _add(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), target, (*TARGET, 0.3))
-    angle = np.linspace(0.0, 2 * np.pi, _CIRCLE + 1)
+    angle = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS + 1)
     circle = target + radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     _add_line(scene, circle, _THICK * width, (*TARGET, 1.0))
 
@@ -56,8 +56,8 @@ def add_target(scene: mujoco.MjvScene, target: Doubles, radius: float, width: fl
 def add_path(
     scene: mujoco.MjvScene, path: Doubles, width: float, ground: float | None = None
 ) -> None:
-    """The way so far, [t, 3]; high above `ground` also its plumb line and shadow there."""
-    chosen = np.linspace(0, len(path) - 1, min(len(path), _PIECES)).round().astype(int)
+    """Add a path [t, 3]; high above the ground, also a plumb line and a shadow on the ground."""
+    chosen = np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int)
     path = path[chosen]
     _add_line(scene, path, _THICK * width, (*PATH, 0.9))
     if ground is not None and path[:, 2].max() - ground > _HIGH * width:
@@ -67,7 +67,7 @@ def add_path(
 
 
 def ground_height(model: mujoco.MjModel) -> float | None:
-    """The height of the scene's ground, a level plane that stands still; None without one."""
+    """Height of the scene's ground, a fixed horizontal plane; None without one."""
     planes = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & ~moving(model)
     return float(model.geom_pos[planes, 2].max()) if planes.any() else None
 
@@ -91,7 +91,7 @@ def _add(
     geom = scene.geoms[scene.ngeom]
     rotation, rgba = np.eye(3).ravel(), np.array(colour, np.float32)
     mujoco.mjv_initGeom(geom, kind, size, position, rotation, rgba)
-    # It casts no shadow, and is seen in the dark.
+    # Without a shadow, and visible without light.
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
     geom.emission, geom.specular = 0.3, 0.0
     scene.ngeom += 1

@@ -1,4 +1,4 @@
-"""Drawing MuJoCo scenes off screen, on a machine with a display or without one."""
+"""Off-screen rendering of MuJoCo scenes, with or without a display."""
 
 import os
 import platform
@@ -9,26 +9,26 @@ from mujoco.rendering.classic import gl_context
 
 from study.common.errors import StudyError
 
-_PACKAGES = (
-    "no OpenGL to draw with by EGL (on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri "
-    "libopengl0; or set MUJOCO_GL=glfw to draw with a display)"
+_NOT_AVAILABLE = "OpenGL is not available"
+_NO_EGL = (
+    f"{_NOT_AVAILABLE} by EGL; on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri "
+    "libopengl0; with a display: set MUJOCO_GL=glfw"
 )
-_NONE = "no OpenGL to draw with"
 
 
 def renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
-    """A renderer of images [height, width, 3] uint8; a context manager, to be closed after use.
+    """A renderer of pictures [height, width, 3] uint8. It is a context manager.
 
-    On Linux it draws by EGL, which needs no display, unless the environment variable MUJOCO_GL
-    names another way; elsewhere by MuJoCo's own choice. It is no matter whether MuJoCo has already
-    been imported. The model's off-screen buffer grows to the size asked for.
+    On Linux it renders by EGL, which needs no display, unless the environment variable MUJOCO_GL
+    names another library. On other systems MuJoCo chooses. The model's off-screen buffer is
+    enlarged to the size of the picture.
 
     Raises:
-        StudyError: there is no OpenGL to draw with.
+        StudyError: OpenGL is not available.
     """
     size = model.vis.global_
     size.offwidth, size.offheight = max(size.offwidth, width), max(size.offheight, height)
-    # MuJoCo chooses once, when it is imported, and without MUJOCO_GL wants a display.
+    # MuJoCo reads MUJOCO_GL when it is imported, and without it uses a library with a display.
     by_egl = platform.system() == "Linux" and not os.environ.get("MUJOCO_GL")
     try:
         if not by_egl:
@@ -37,9 +37,11 @@ def renderer(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
 
         with patch.object(gl_context, "GLContext", GLContext):
             return mujoco.Renderer(model, height, width)
-    # What fails, and how, depends on the library that is missing: an ImportError, an AttributeError
-    # of None, MuJoCo's FatalError or an error of OpenGL.
+    # A missing library gives an ImportError, an AttributeError of None, MuJoCo's FatalError or an
+    # error of OpenGL.
     except Exception as error:
-        asked = os.environ.get("MUJOCO_GL")
-        other = f"no OpenGL to draw with by MUJOCO_GL={asked}: unset it, or choose another"
-        raise StudyError(other if asked else _PACKAGES if by_egl else _NONE) from error
+        if library := os.environ.get("MUJOCO_GL"):
+            message = f"{_NOT_AVAILABLE} by MUJOCO_GL={library}; unset it, or choose another"
+        else:
+            message = _NO_EGL if by_egl else _NOT_AVAILABLE
+        raise StudyError(message) from error

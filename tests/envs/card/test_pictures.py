@@ -1,4 +1,4 @@
-"""The pictures of a portrait: they show what they should, and always in the same bytes."""
+"""The pictures of a page: they show the system, its target and outcomes, in the same bytes."""
 
 import os
 from functools import cache
@@ -16,15 +16,15 @@ from study.common.seeds import spawn
 from study.data.trajectories import ScenarioSet
 from study.envs import Simulator, simulators
 from study.envs.card import fans, histogram
-from study.envs.card.filmstrip import filmstrip, frames
+from study.envs.card.filmstrip import frames, plot_filmstrip
 from study.envs.rendering import drawing
 from study.envs.rendering.offscreen import renderer
 from study.examples.cart import Cart
 
 SIDE = 96
-# A picture in which nothing is drawn has one colour, or a sky: it hardly changes along a row.
+# A picture of nothing but the sky hardly changes along a row.
 LEAST_CONTRAST = 3.0
-# A target covers this share of a picture at least, all frames together.
+# The target covers at least this share of the pixels of all frames together.
 LEAST_TARGET = 1e-3
 
 
@@ -39,39 +39,39 @@ def _no_gl() -> str:
 
 @pytest.fixture
 def gl() -> None:
-    """Skip where nothing can be drawn; in continuous integration that is a failure."""
+    """Skip without OpenGL; in continuous integration that is a failure."""
     if reason := _no_gl():
         pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
 
 
-def _observed(simulator: Simulator, scenarios: int, rollouts: int) -> ScenarioSet:
+def _observe(simulator: Simulator, scenarios: int, rollouts: int) -> ScenarioSet:
     seeds = spawn(5, scenarios)
-    drawn = simulator.sample_scenarios(seeds)
-    actions = simulator.plan(drawn, seeds)
-    rolled = simulator.rollout(
-        np.repeat(drawn.s0, rollouts, axis=0),
+    sampled = simulator.sample_scenarios(seeds)
+    actions = simulator.plan(sampled, seeds)
+    rollout = simulator.rollout(
+        np.repeat(sampled.s0, rollouts, axis=0),
         np.repeat(actions, rollouts, axis=0),
         spawn(6, scenarios * rollouts),
     )
     shape = (scenarios, rollouts, simulator.horizon, -1)
-    unobserved = rolled.unobserved.reshape(scenarios, rollouts, -1)
+    unobserved = rollout.unobserved.reshape(scenarios, rollouts, -1)
     return ScenarioSet(
-        drawn.s0, actions, drawn.goal, rolled.states[:, 1:].reshape(shape), unobserved, {}
+        sampled.s0, actions, sampled.goal, rollout.states[:, 1:].reshape(shape), unobserved, {}
     )
 
 
-def _states(seen: ScenarioSet) -> Floats:
+def _states(observed: ScenarioSet) -> Floats:
     """The first rollout of the first scenario, [T+1, D]."""
-    return np.concatenate([seen.s0[:1], seen.observed[0, 0]])
+    return np.concatenate([observed.s0[:1], observed.observed[0, 0]])
 
 
 def _contrast(picture: Pixels) -> float:
-    """How much a picture [H, W, 3] changes along its rows: standard deviation, 0 to 255."""
+    """Mean standard deviation along the rows of a picture [H, W, 3], 0 to 255."""
     return float(picture.astype(float).std(axis=1).mean())
 
 
 def _target(pictures: Pixels) -> Booleans:
-    """Which pixels [..., H, W] have the target's bluish green, which grass does not."""
+    """Which pixels [..., H, W] have the bluish green of the target; grass does not have it."""
     red, green, _ = np.moveaxis(pictures.astype(int), -1, 0)
     return green - red > 50
 
@@ -82,8 +82,8 @@ def test_every_frame_shows_the_system_and_its_target(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     simulator = simulators[name](horizon=12)
-    seen = _observed(simulator, 1, 1)
-    states, goal = _states(seen), seen.goal[0]
+    observed = _observe(simulator, 1, 1)
+    states, goal = _states(observed), observed.goal[0]
     shown = frames(simulator, states, goal, count=4, pixels=SIDE)
     assert shown.far.shape == (4, SIDE, SIDE, 3)
     np.testing.assert_allclose(shown.times, np.array([0, 4, 8, 12]) * simulator.control_step)
@@ -107,7 +107,7 @@ def test_a_blank_picture_has_no_contrast() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_frames_are_marked_from_success_on() -> None:
+def test_frames_are_marked_once_the_goal_is_reached() -> None:
     cart = Cart()
     states = np.zeros((21, 2), np.float32)
     states[:, 0] = np.linspace(0, 1, 21)
@@ -117,7 +117,7 @@ def test_frames_are_marked_from_success_on() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_what_is_small_beside_its_way_is_enlarged() -> None:
+def test_a_body_that_is_small_beside_its_path_is_enlarged() -> None:
     cart = Cart()
     goal = np.array([0.0], np.float32)
     states = np.zeros((21, 2), np.float32)
@@ -128,7 +128,7 @@ def test_what_is_small_beside_its_way_is_enlarged() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_the_target_is_drawn_where_it_is_by_the_camera_of_the_model(
+def test_the_models_own_camera_shows_the_target_at_its_position(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     model = mujoco.MjModel.from_xml_string(
@@ -142,17 +142,17 @@ def test_the_target_is_drawn_where_it_is_by_the_camera_of_the_model(
         states, goal = np.zeros((3, 2), np.float32), np.array([x], np.float32)
         shown = frames(Cart(horizon=2), states, goal, count=2, pixels=SIDE)
         rows, columns = np.nonzero(_target(shown.far[0]))
-        wanted = SIDE / 2 * (1 + x / (3 * np.tan(np.pi / 8)))
-        assert columns.mean() == pytest.approx(wanted, abs=3)
+        expected = SIDE / 2 * (1 + x / (3 * np.tan(np.pi / 8)))
+        assert columns.mean() == pytest.approx(expected, abs=3)
         assert rows.mean() == pytest.approx(SIDE / 2, abs=3)
 
 
 @pytest.mark.usefixtures("gl")
 def test_a_filmstrip_has_the_same_bytes_twice(tmp_path: Path) -> None:
     simulator = simulators["pusher"](horizon=8)
-    seen = _observed(simulator, 1, 1)
+    observed = _observe(simulator, 1, 1)
     paths = [
-        filmstrip(simulator, _states(seen), seen.goal[0], tmp_path / name, count=3)
+        plot_filmstrip(simulator, _states(observed), observed.goal[0], tmp_path / name, count=3)
         for name in ("a.png", "b/c.png")
     ]
     assert paths[0].read_bytes() == paths[1].read_bytes()
@@ -162,7 +162,7 @@ def test_a_filmstrip_has_the_same_bytes_twice(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_a_picture_may_be_larger_than_the_buffer_of_its_model() -> None:
+def test_a_picture_can_be_larger_than_the_models_buffer() -> None:
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><visual><global offwidth="16" offheight="16"/></visual></mujoco>'
     )
@@ -174,55 +174,55 @@ def test_a_picture_may_be_larger_than_the_buffer_of_its_model() -> None:
 @pytest.mark.parametrize(
     "failure", [ImportError("libEGL"), AttributeError("None"), mujoco.FatalError("no context")]
 )
-def test_no_gl_is_said_in_one_line(failure: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_opengl_is_one_line(failure: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise failure
 
     monkeypatch.setattr(mujoco, "Renderer", fail)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    with pytest.raises(StudyError, match=r"^no OpenGL to draw with\b.*$"):
+    with pytest.raises(StudyError, match=r"^OpenGL is not available\b.*$"):
         renderer(Cart().scene(), 8, 8)
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    with pytest.raises(StudyError, match=r"^no OpenGL .*MUJOCO_GL=osmesa: unset it.*$"):
+    with pytest.raises(StudyError, match=r"^OpenGL .*MUJOCO_GL=osmesa; unset it.*$"):
         renderer(Cart().scene(), 8, 8)
 
 
 @pytest.mark.usefixtures("gl")
-def test_mujoco_keeps_the_way_it_draws() -> None:
+def test_the_renderer_does_not_change_mujocos_library() -> None:
     before = gl_context.GLContext
     renderer(Cart().scene(), 8, 8).close()
     assert gl_context.GLContext is before
 
 
-def test_typical_scenarios_are_the_nearest_and_none_twice() -> None:
+def test_typical_scenarios_are_the_nearest_without_repetition() -> None:
     success = np.arange(10) < np.array([[5], [0], [9], [5], [10], [1]])
     assert fans.typical(success) == [5, 0, 2]
     assert fans.typical(success, (0.5, 0.5, 0.5, 0.2)) == [0, 3, 2, 5]
     assert fans.typical(success[:2]) == [1, 0]
 
 
-def test_the_variables_shown_are_those_that_noise_moves() -> None:
+def test_the_plotted_variables_have_the_most_variance_from_noise() -> None:
     cart = Cart()
-    seen = _observed(cart, 4, 3)
+    observed = _observe(cart, 4, 3)
     # The cart's x is what the plan view shows.
-    assert fans.most_uncertain(cart, seen.observed) == ["v"]
+    assert fans.most_uncertain(cart, observed.observed) == ["v"]
     pusher = simulators["pusher"](horizon=4)
-    # Four steps at most: nothing has been touched, so only the arm moves by noise.
-    moved = fans.most_uncertain(pusher, _observed(pusher, 4, 3).observed, count=2)
+    # In four steps the arm does not touch the ball, so noise moves only the arm.
+    moved = fans.most_uncertain(pusher, _observe(pusher, 4, 3).observed, count=2)
     assert not any(name.startswith("ball") for name in moved)
 
 
 def test_fans_show_success_failure_and_target(tmp_path: Path) -> None:
     cart = Cart()
-    seen = _observed(cart, 12, 10)
-    paths = [fans.fans(cart, seen, tmp_path / name) for name in ("a.png", "b.png")]
+    observed = _observe(cart, 12, 10)
+    paths = [fans.plot_fans(cart, observed, tmp_path / name) for name in ("a.png", "b.png")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     pixels = np.asarray(Image.open(paths[0]).convert("RGB")).astype(int)
     red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
     for shown in (blue - red > 60, red - blue > 60, (green - red > 30) & (green - blue > 15)):
         assert shown.mean() > 5e-4
 
-    one = fans.fans(cart, seen, tmp_path / "one.png", chosen=[3], variables=["x"])
+    one = fans.plot_fans(cart, observed, tmp_path / "one.png", chosen=[3], variables=["x"])
     with Image.open(one) as row, Image.open(paths[0]) as three:
         assert 2 * row.height < three.height
 
@@ -230,11 +230,11 @@ def test_fans_show_success_failure_and_target(tmp_path: Path) -> None:
 def test_an_unknown_variable_is_refused(tmp_path: Path) -> None:
     cart = Cart()
     with pytest.raises(BadInput, match="no state variable 'y'"):
-        fans.fans(cart, _observed(cart, 3, 2), tmp_path / "a.png", variables=["y"])
+        fans.plot_fans(cart, _observe(cart, 3, 2), tmp_path / "a.png", variables=["y"])
     assert not list(tmp_path.iterdir())
 
 
-def test_the_middle_bins_hold_what_is_uncertain() -> None:
+def test_the_middle_bins_hold_the_uncertain_scenarios() -> None:
     rollouts = 10
     successes = np.arange(rollouts + 1)
     success = np.arange(rollouts) < successes[:, None]
@@ -252,9 +252,9 @@ def test_the_middle_bins_hold_what_is_uncertain() -> None:
 
 def test_a_histogram_has_the_same_bytes_twice(tmp_path: Path) -> None:
     success = np.arange(10) < np.arange(10)[:, None]
-    paths = [histogram.histogram(success, tmp_path / name) for name in ("a.png", "b.png")]
+    paths = [histogram.plot_histogram(success, tmp_path / name) for name in ("a.png", "b.png")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
-    other = histogram.histogram(success[:-1], tmp_path / "c.png")
+    other = histogram.plot_histogram(success[:-1], tmp_path / "c.png")
     assert other.read_bytes() != paths[0].read_bytes()
     with Image.open(other) as picture:
         assert _contrast(np.asarray(picture.convert("RGB"))) > LEAST_CONTRAST
