@@ -1,20 +1,22 @@
 """The contract of a forecaster, and the base class of those that are trained."""
 
 from abc import abstractmethod
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import lightning as L
 import numpy as np
 import torch
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
 from study.common.arrays import Floats
+from study.common.errors import BadInput, nearest
 from study.common.registry import Registry
 from study.common.seeds import Seeds
-from study.config.settings import Train
+from study.config.settings import Config, Train
 from study.data.frames import to_fixed_frame, to_rotating_frame
 from study.data.normalization import Normalization
 from study.models.optimizer import adamw, one_cycle
@@ -73,7 +75,7 @@ class Model(L.LightningModule, Generic[S]):
     it under that name.
     """
 
-    settings_class: ClassVar[type]
+    settings_class: ClassVar[type[Any]]
     """A frozen dataclass whose fields are sections of `study.config.settings.Config`, by name."""
     version: ClassVar[int] = 1
     """Part of every artifact's key. Raise it when the same data and settings give other weights."""
@@ -101,6 +103,22 @@ class Model(L.LightningModule, Generic[S]):
         self.state_size = len(normalization.state_mean)
         self.action_size = len(normalization.action_mean)
         self.settings = settings
+
+    @classmethod
+    def settings_from(cls, config: Config) -> S:
+        """The settings of this model: the sections of a configuration that the class reads.
+
+        Raises:
+            BadInput: a field of `settings_class` is no section of the configuration.
+        """
+        sections = [entry.name for entry in fields(config)]
+        names = [entry.name for entry in fields(cls.settings_class)]
+        if unknown := [name for name in names if name not in sections]:
+            raise BadInput(
+                f"{cls.__name__}: the configuration has no section '{unknown[0]}'; "
+                f"{nearest(unknown[0], sections)}"
+            )
+        return cls.settings_class(**{name: getattr(config, name) for name in names})
 
     @classmethod
     def training_options(cls, settings: S) -> Train:
@@ -213,7 +231,7 @@ class Model(L.LightningModule, Generic[S]):
             for optimizer in self.trainer.optimizers:
                 optimizer.state.clear()
 
-    def configure_optimizers(self) -> dict[str, Any]:
+    def configure_optimizers(self) -> OptimizerLRScheduler:
         """Lightning's hook: AdamW and its learning rate, by the training options.
 
         The weight decay is the setting divided by the number of training trajectories N. It stands

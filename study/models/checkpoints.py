@@ -55,7 +55,9 @@ def build(
 
 def fitted_ensemble(model: Model[Any]) -> RnnEnsemble | None:
     """The ensemble inside a model with `uses_ensemble`; None for other models."""
-    return model.ensemble if model.uses_ensemble else None
+    ensemble = model.ensemble if model.uses_ensemble else None
+    assert ensemble is None or isinstance(ensemble, RnnEnsemble)
+    return ensemble
 
 
 def save_model(model: Model[Any], name: str, path: Path, beta: float | None = None) -> None:

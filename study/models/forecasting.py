@@ -1,6 +1,6 @@
 """Forecasts of many scenarios in parts, and the ensemble members behind them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ CHUNK = 512
 AnyEnsemble = RnnEnsemble | EnsembleOfModels[Any, Any]
 
 
-def load_forecaster(name: str, simulator: Simulator, inputs: dict[str, Path]) -> Forecaster:
+def load_forecaster(name: str, simulator: Simulator, inputs: Mapping[str, Path]) -> Forecaster:
     """The forecaster of a cell: the oracle, the ensemble alone, or a trained model.
 
     Args:

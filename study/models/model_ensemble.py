@@ -12,7 +12,7 @@ epistemic.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import torch
 from torch import Tensor, nn
@@ -58,7 +58,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
 
     def each_member(self) -> list[M]:
         """The members."""
-        return list(self.members)
+        return cast("list[M]", list(self.members))
 
     def members_count(self) -> int:
         """M."""

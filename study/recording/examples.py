@@ -115,7 +115,7 @@ def read_examples(path: Path, scores: pd.DataFrame, simulator: Simulator) -> lis
 def build_example(
     arrays: Arrays, row: int, simulator: Simulator, title: str, description: str
 ) -> Example:
-    """The example in one row of the arrays that `study.models.forecasting.picked` collects.
+    """The example in one row of the arrays that `study.models.forecasting.example_arrays` collects.
 
     With an ensemble, the variance of the position is split into its two parts.
     """

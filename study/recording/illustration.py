@@ -22,7 +22,7 @@ def illustrate(
     Args:
         simulator: knows position and target.
         examples: the examples of a forecaster with an ensemble, of P scenarios, as
-            `study.models.forecasting.picked` collects them.
+            `study.models.forecasting.example_arrays` collects them.
         rules: the P rules that chose them.
 
     Returns:

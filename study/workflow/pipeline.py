@@ -8,7 +8,7 @@ What several cells share (data, an ensemble) is one task. This module alone of t
 registries of environments and models.
 """
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from study.common.seeds import derive
@@ -145,8 +145,7 @@ class Pipeline:
     def _fit(self, cell: Cell, purpose: str) -> TrainSettings:
         """The fit of the cell's model, with the training options that hold for the model."""
         model = models[cell.model]
-        sections = {entry.name for entry in fields(model.settings_class)}
-        settings = model.settings_class(**{name: getattr(self.config, name) for name in sections})
+        settings = model.settings_from(self.config)
         settings = replace(settings, train=model.training_options(settings))
         seed = derive(cell.name, purpose)
         return TrainSettings(

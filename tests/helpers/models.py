@@ -1,26 +1,29 @@
 """Small models on random data."""
 
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from study.config.settings import (
-    Config,
-    Crps,
-    Ensemble,
-    Mlp,
-    ModelEnsemble,
-    ProbabilisticEnsemble,
-    Vae,
-)
+from study.config.settings import Config, Crps, Ensemble, Mlp, ModelEnsemble, Vae
 from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
 from study.models import Model
-from study.models.checkpoints import build
+from study.models.checkpoints import build, class_of
+from study.models.rnn_ensemble import RnnEnsemble
 
 STATE, ACTION, HORIZON = 3, 2, 6
+MEMBERS = 3
+SMALL = Config(
+    vae=Vae(hidden_size=8, latent_size=4),
+    crps=Crps(hidden_size=8, noise_size=5, persistent_noise_size=2),
+    mlp=Mlp(hidden_size=8, layers=2),
+    model_ensemble=ModelEnsemble(members=MEMBERS),
+    ensemble=Ensemble(members=MEMBERS, hidden_size=8),
+)
 
 
 def trajectories(count: int = 12, seed: int = 0) -> Trajectories:
@@ -28,26 +31,42 @@ def trajectories(count: int = 12, seed: int = 0) -> Trajectories:
     actions = generator.normal(size=(count, HORIZON, ACTION)).astype(np.float32)
     changes = generator.normal(size=(count, HORIZON + 1, STATE)) * [1.0, 5.0, 0.1] + 1.0
     states = changes.cumsum(axis=1).astype(np.float32)
-    nothing = np.zeros((count, 0), np.float32)
-    return Trajectories(states, actions, nothing, nothing, {})
+    empty = np.zeros((count, 0), np.float32)
+    return Trajectories(states, actions, empty, empty, {})
 
 
-def settings(
-    propagation: str = "trajectory", crps: dict[str, Any] | None = None, **vae: Any
-) -> dict[str, Any]:
-    return {
-        "vae": asdict(Vae(hidden_size=8, latent_size=4, **vae)),
-        "crps": asdict(Crps(hidden_size=8, noise_size=5, persistent_noise_size=2, **(crps or {}))),
-        "mlp": asdict(Mlp(hidden_size=8, layers=2)),
-        "model_ensemble": asdict(ModelEnsemble(members=3)),
-        "probabilistic_ensemble": asdict(ProbabilisticEnsemble(propagation)),
-        "train": asdict(Config().train),
-        "ensemble": asdict(Ensemble(members=3, hidden_size=8)),
+def normalization() -> Normalization:
+    return Normalization.from_trajectories(trajectories())
+
+
+def settings(name: str, **changes: Mapping[str, Any]) -> Any:
+    """The settings of a small model.
+
+    Args:
+        name: of the model.
+        changes: values of a section, by the name of the section.
+    """
+    sections = {
+        section: replace(getattr(SMALL, section), **values) for section, values in changes.items()
     }
+    return class_of(name).settings_from(replace(SMALL, **sections))
 
 
-def model(name: str, beta: float = 0.1, **vae: Any) -> Model:
+def ensemble() -> RnnEnsemble:
+    return RnnEnsemble(normalization(), settings("ensemble"))
+
+
+def model(name: str, **changes: Mapping[str, Any]) -> Model:
+    """A small model with initial weights; arguments as of `settings`."""
     torch.manual_seed(0)
-    normalization = Normalization.of(trajectories())
-    ensemble: Any = build("ensemble", normalization, settings())
-    return build(name, normalization, settings(**vae), beta, ensemble)
+    fitted = ensemble()
+    return build(name, normalization(), settings(name, **changes), 0.1, fitted)
+
+
+def batch(count: int = 8, seed: int = 2) -> dict[str, Tensor]:
+    """A training batch of random trajectories."""
+    data, units = trajectories(count, seed), normalization()
+    return {
+        "states": units.normalize_states(data.states),
+        "actions": units.normalize_actions(data.actions),
+    }

@@ -1,55 +1,47 @@
-"""The probabilistic MLP: its likelihood, and that it samples and feeds back."""
+"""The probabilistic MLP: its likelihood, its sampling and its variance bounds."""
+
+from typing import Any
 
 import pytest
 import torch
 from torch.distributions import Normal
 
-from study.models.probabilistic_mlp import ProbabilisticMlp
 from tests.helpers.models import ACTION, HORIZON, STATE, model
 
 
-def mlp() -> ProbabilisticMlp:
-    made = model("probabilistic_mlp")
-    assert isinstance(made, ProbabilisticMlp)
-    return made
-
-
-@pytest.mark.parametrize("likelihood", ["plain", "weighted"])
-def test_the_likelihood_against_torch_distributions(
-    likelihood: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    network = mlp()
-    network.settings["mlp"]["likelihood"] = likelihood
-    logged: dict[str, torch.Tensor] = {}
-    monkeypatch.setattr(network, "tell", logged.update)
+@pytest.mark.parametrize("loss", ["nll", "beta_nll"])
+def test_the_likelihood_against_torch_distributions(loss: str) -> None:
+    network: Any = model("probabilistic_mlp", mlp={"loss": loss})
     torch.manual_seed(0)
     states, actions = torch.randn(4, HORIZON + 1, STATE), torch.randn(4, HORIZON, ACTION)
-    network.training_step({"states": states, "actions": actions})
+    losses = network.losses({"states": states, "actions": actions}, 0)
     mean, log_variance = network(states[:, :-1], actions)
     change = (states[:, 1:] - states[:, :-1]) / network.delta_std
-    scale = torch.exp(0.5 * log_variance)
-    each = -Normal(mean, scale).log_prob(change)
-    weight = scale / scale.mean((0, 1)) if likelihood == "weighted" else 1.0
-    expected = (weight * each).sum(-1).mean()
-    torch.testing.assert_close(logged["loss/negative_log_likelihood"].detach(), expected.detach())
+    std = torch.exp(0.5 * log_variance)
+    nll = -Normal(mean, std).log_prob(change)
+    weight = std / std.mean((0, 1)) if loss == "beta_nll" else 1.0
+    likelihood = (weight * nll).sum(-1).mean()
+    bounds = network.max_log_variance.sum() - network.min_log_variance.sum()
+    torch.testing.assert_close(losses["loss/negative_log_likelihood"], likelihood)
+    torch.testing.assert_close(losses["loss"], likelihood + 0.01 * bounds)
 
 
 def test_the_next_state_is_sampled_and_fed_back() -> None:
-    network = mlp()
+    network: Any = model("probabilistic_mlp")
     torch.manual_seed(0)
     s0, actions = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
     noise = torch.randn(2, 1, HORIZON, STATE)
     states = network.sample(s0, actions, noise, torch.zeros(2, 1, dtype=torch.int64))[:, 0]
-    before = s0
+    previous = s0
     for step in range(HORIZON):
-        mean, log_variance = network(before, actions[:, step])
+        mean, log_variance = network(previous, actions[:, step])
         change = mean + torch.exp(0.5 * log_variance) * noise[:, 0, step]
-        torch.testing.assert_close(states[:, step], before + change * network.delta_std)
-        before = states[:, step]
+        torch.testing.assert_close(states[:, step], previous + change * network.delta_std)
+        previous = states[:, step]
 
 
 def test_the_variance_is_bounded() -> None:
-    network = mlp()
+    network: Any = model("probabilistic_mlp")
     _, log_variance = network(torch.randn(50, STATE) * 1e4, torch.randn(50, ACTION) * 1e4)
-    assert (log_variance <= network.highest + 1e-3).all()
-    assert (log_variance >= network.lowest - 1e-3).all()
+    assert (log_variance <= network.max_log_variance + 1e-3).all()
+    assert (log_variance >= network.min_log_variance - 1e-3).all()

@@ -1,0 +1,30 @@
+"""Which parameters decay, and the learning rate."""
+
+import numpy as np
+import torch
+from torch import nn
+
+from study.models.networks.linear import StackedLinear
+from study.models.optimizer import adamw, one_cycle
+
+
+def test_only_matrices_decay() -> None:
+    linear, stacked = nn.Linear(3, 4), StackedLinear(5, 3, 4)
+    parameters = [*linear.parameters(), *stacked.parameters()]
+    groups = adamw(parameters, 0.1, 0.5).param_groups
+    decays = {id(p): group["weight_decay"] for group in groups for p in group["params"]}
+    assert [decays[id(p)] for p in parameters] == [0.5, 0.0, 0.5, 0.0]
+
+
+def test_one_cycle_rises_for_a_tenth_of_the_steps_and_falls_to_zero() -> None:
+    optimizer = torch.optim.SGD([nn.Parameter(torch.zeros(1))], 1.0)
+    schedule = one_cycle(optimizer, 0.3, 100)
+    rates = []
+    for _ in range(100):
+        rates.append(optimizer.param_groups[0]["lr"])
+        optimizer.step()
+        schedule.step()
+    assert 8 <= int(np.argmax(rates)) <= 11
+    np.testing.assert_allclose(max(rates), 0.3, rtol=0.01)
+    assert rates[-1] < 0.001
+    assert (np.diff(rates[12:]) < 0).all()
