@@ -56,8 +56,8 @@ class Command(Generic[Options]):
     Attributes:
         name: the word after ``python -m study.run``.
         summary: one line for the list of commands.
-        options: its dataclass of options, with fields annotated by `Argument` and `Flag`. A subclass
-            of `StudyOptions` is given the settings as well.
+        options: its dataclass of options, with fields annotated by `Argument` and `Flag`. A
+            subclass of `StudyOptions` is given the settings as well.
         run: runs it and returns the exit code.
         details: what its help says after the list of options: explanation and examples.
     """

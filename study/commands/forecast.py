@@ -16,7 +16,7 @@ from study.workflow.engine import quiet_rerun
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from study.envs import Simulator
-    from study.recording.forecast import Example
+    from study.recording.examples import Example
     from study.results.forecast import Request
 
 DETAILS = """\
@@ -107,7 +107,7 @@ def print_forecast(
 
     steps = len(example.actions)
     duration = f"{steps} steps, {simulator.control_step * steps:.3g} s"
-    say(terminal, f"{request.cell.name}, {request.title}")
+    say(terminal, f"{request.cell.name}, {request.title}: {request.description}")
     counts = f"{len(example.forecast)} forecasts and {len(example.observed)} observed rollouts"
     say(terminal, f"{counts} of {duration}")
     if infinite := int((~finite_samples(example)).sum()):

@@ -45,10 +45,7 @@ MODULES = (
     join,
     ablate,
 )
-COMMANDS: Mapping[str, Command[Any]] = {
-    module.COMMAND.name: module.COMMAND  # type: ignore[attr-defined]
-    for module in MODULES
-}
+COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}
 
 USAGE = """\
 usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]

@@ -44,7 +44,8 @@ class Options(StudyOptions):
 
 def run(options: Options) -> int:
     """Open the recording, or write pictures of all its views."""
-    from study.recording.viewer import open_viewer, screenshots
+    from study.recording.screenshots import screenshots
+    from study.recording.viewer import open_viewer
 
     path = find_recording(options)
     if options.save is None:

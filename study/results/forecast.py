@@ -117,8 +117,7 @@ def forecast(request: Request, plan: Plan, progress: Progress) -> Example:
 
 def finite_samples(example: Example) -> Booleans:
     """Whether every value of a forecast is finite, [K]."""
-    finite: Booleans = np.isfinite(example.forecast).all(axis=(1, 2))
-    return finite
+    return np.asarray(np.isfinite(example.forecast).all(axis=(1, 2)))
 
 
 def outcome_probabilities(simulator: Simulator, example: Example) -> dict[str, tuple[float, float]]:

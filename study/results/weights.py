@@ -7,9 +7,10 @@ from pathlib import Path
 from study.common.errors import StudyError, nearest
 from study.config.grid import Cell
 from study.envs import Simulator
-from study.models import Forecaster, Model
-from study.models.checkpoints import load_model, save_model
+from study.models import Forecaster
+from study.models.checkpoints import fitted_ensemble, load_model, save_model
 from study.models.oracle import Oracle
+from study.models.rnn_ensemble import RnnEnsemble
 from study.results import checksums
 from study.results.folder import Results
 
@@ -44,12 +45,12 @@ def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
         shutil.copyfile(_checked_path(results, cell), folder / "model.safetensors")
 
 
-def _load_ensemble(results: Results, cell: Cell) -> Model:
+def _load_ensemble(results: Results, cell: Cell) -> RnnEnsemble:
     """The ensemble alone. It has no file; every model that was fitted to its residuals holds it."""
     for other in results.complete:
         if results.has_weights(other) and replace(other, model="ensemble") == cell:
-            ensemble = getattr(load_model(_checked_path(results, other)), "ensemble", None)
-            if isinstance(ensemble, Model):
+            ensemble = fitted_ensemble(load_model(_checked_path(results, other)))
+            if ensemble is not None:
                 return ensemble
     raise StudyError(
         f"{results.out} has no weights of '{cell.name}': no model with an ensemble of this level "
