@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import gymnasium
@@ -13,6 +12,7 @@ import pytest
 
 from study.common.files import sha256
 from study.common.progress import Progress
+from study.config.stage_settings import CollectSettings
 from study.data import minari as export
 from study.data.trajectories import Trajectories
 from study.envs.gymnasium_env import SimulatorEnv
@@ -44,7 +44,7 @@ def dataset(root: Path, monkeypatch: pytest.MonkeyPatch) -> minari.MinariDataset
 def trajectories(tmp_path_factory: pytest.TempPathFactory) -> Trajectories:
     """What the study would train on."""
     out = tmp_path_factory.mktemp("collected")
-    settings = {"environment": "cart", "collect": asdict(configuration(*CART).collect)}
+    settings = CollectSettings("cart", Cart.version, configuration(*CART).collect)
     collect.run(settings, {}, out, Progress())
     return Trajectories.load(out / "train.safetensors")
 
@@ -142,7 +142,7 @@ def test_a_data_set_that_is_there_is_kept(root: Path) -> None:
     before = sha256(root / ID / "data" / "main_data.hdf5")
     done = study("export", "cart", *CART, "--collect.seed=1", "--to", root)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert f"{ID} is there already; remove it, or give another --name or --to" in done.err
+    assert f"{ID} exists; remove it, or use another --name or --to" in done.err
     assert sha256(root / ID / "data" / "main_data.hdf5") == before
     assert study("export", "cart", *CART, "--name=other", "--to", root).code == 0
 

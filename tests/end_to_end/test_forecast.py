@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,18 +10,14 @@ import pandas as pd
 import pytest
 
 from study.commands.forecast import Question, answer, outcome_shares, read_scenario, simulator_of
-from study.common.errors import BadInput
 from study.common.progress import Progress
-from study.data.plan_files import Plan, read_plan, write_plan
 from study.data.trajectories import ScenarioSet
-from study.examples.cart import Cart
 from study.recording.integrity import check
 from study.recording.reading import entities, properties
 from study.results import folder
 from tests.helpers.running import Done, study
 
 CELL = "uav/high/residual_vae/seed-0"
-Columns = dict[str, dict[str, object]]
 
 
 @pytest.fixture(scope="session")
@@ -172,104 +167,3 @@ def test_damaged_weights(shipped: Path, tmp_path: Path, harm: str) -> None:
     assert done.code == 1
     assert done.err.startswith(f"error: {path} is {'damaged' if harm == 'flip' else 'missing'}")
     assert done.err.count("\n") == 1
-
-
-def plan_columns() -> Columns:
-    """A plan of the cart's, of four steps."""
-    return {
-        "s0": {"x": 0.5, "v": -0.25},
-        "goal": {"target": 1.0},
-        "action": {"force": [0.1, 0.2, -1.0, 1.0]},
-    }
-
-
-def drop(group: str, name: str) -> Callable[[Columns], object]:
-    return lambda columns: columns[group].pop(name)
-
-
-def put(group: str, name: str, value: object) -> Callable[[Columns], object]:
-    return lambda columns: columns.setdefault(group, {}).update({name: value})
-
-
-WRONG = [
-    (drop("s0", "v"), "missing: s0.v (velocity, m/s)"),
-    (drop("action", "force"), "missing: action.force (push, N)"),
-    (put("goal", "taget", 0.0), "unknown column 'goal.taget'"),
-    (put("goal", "x", 0.0), "unknown column 'goal.x'"),
-    (put("s0", "x", [0.0, 1.0]), "s0.x: got 2 values; it takes 1"),
-    (put("s0", "x", []), "s0.x: got 0 values; it takes 1"),
-    (put("action", "force", []), "got 0 control steps; there must be 1 to 20"),
-    (put("action", "force", [0.0] * 21), "got 21 control steps; there must be 1 to 20"),
-    (put("action", "force", [0.0, 1.5]), "action.force, step 1: got 1.5; it must be -1 to 1 N"),
-    (put("action", "force", [0.0, float("nan")]), "step 1: got nan; it must be a finite number"),
-    (put("s0", "v", "fast"), "s0.v: got 'fast'; it must be a number"),
-    (put("s0", "v", float("inf")), "s0.v: got inf; it must be a finite number"),
-]
-
-
-@pytest.mark.parametrize("suffix", ["csv", "json"])
-@pytest.mark.parametrize(("wrong", "said"), WRONG, ids=[said for _, said in WRONG])
-def test_one_line_about_a_plan(
-    tmp_path: Path, wrong: Callable[[Columns], object], said: str, suffix: str
-) -> None:
-    columns, path = plan_columns(), tmp_path / f"plan.{suffix}"
-    wrong(columns)
-    write(columns, path)
-    with pytest.raises(BadInput) as raised:
-        read_plan(path, Cart())
-    assert said in str(raised.value)
-    assert str(path) in str(raised.value)
-    assert "\n" not in str(raised.value)
-
-
-@pytest.mark.parametrize("suffix", ["csv", "json"])
-def test_a_plan_is_read_as_it_was_written(tmp_path: Path, suffix: str) -> None:
-    generator = np.random.default_rng(0)
-    given = Plan(*(generator.uniform(-1, 1, shape).astype(np.float32) for shape in (2, 1, (7, 1))))
-    path = tmp_path / f"plan.{suffix}"
-    write_plan(path, Cart(), given)
-    found = read_plan(path, Cart())
-    for one, other in zip(vars(given).values(), vars(found).values(), strict=True):
-        np.testing.assert_array_equal(one, other)
-        assert other.dtype == np.float32
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "it is empty"),
-        ("s0.x,s0.x\n1,2\n", "column 's0.x' stands there twice"),
-        ("s0.x,s0.v\n1,2,3\n", "row 1 has 3 cells; the header has 2"),
-        ("s0.x,s0.v,goal.target,action.force\n0,0,0,1\n,,,\n,,,1\n", "step 1: got ''"),
-    ],
-)
-def test_one_line_about_a_csv(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "plan.csv"
-    path.write_text(text)
-    with pytest.raises(BadInput, match=said):
-        read_plan(path, Cart())
-
-
-@pytest.mark.parametrize(("text", "said"), [("{", "not JSON"), ("[1]", "of the form")])
-def test_one_line_about_json(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "plan.json"
-    path.write_text(text)
-    with pytest.raises(BadInput, match=said):
-        read_plan(path, Cart())
-
-
-def write(columns: Columns, path: Path) -> None:
-    """Write a plan as someone would by hand."""
-    if path.suffix == ".json":
-        path.write_text(json.dumps(columns))
-        return
-    values = {
-        f"{group}.{name}": value if isinstance(value, list) else [value]
-        for group, members in columns.items()
-        for name, value in members.items()
-    }
-    rows = [
-        ",".join(str(v[row]) if row < len(v) else "" for v in values.values())
-        for row in range(max(map(len, values.values())))
-    ]
-    path.write_text("\n".join([",".join(values), *rows]))

@@ -1,4 +1,4 @@
-"""An environment that fails, if the environment variable QUICKSAND says how."""
+"""An environment that fails in the way that the environment variable QUICKSAND names."""
 
 import os
 
@@ -10,10 +10,9 @@ from study.examples.cart import Cart
 
 @register("quicksand")
 class Quicksand(Cart):
-    """The cart, which now and then sinks."""
+    """The cart of the tutorial; a rollout can raise an error or end the process."""
 
-    name = "quicksand"
-    title = "Quicksand"
+    name, title = "quicksand", "Quicksand"
 
     def rollout(self, s0: Floats, actions: Floats, seeds: Seeds | None = None) -> Rollout:
         if os.environ.get("QUICKSAND") == "raise":
