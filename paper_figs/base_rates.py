@@ -1,8 +1,9 @@
-"""How uncertain the test scenarios are: the histogram of their true probabilities of success.
+"""Histogram of the true probability of success of the test scenarios, for each environment.
 
     python -m paper_figs.base_rates results/paper
 
-A true probability is the share of the observed rollouts of a scenario that succeed.
+The true probability of a scenario is the share of its observed rollouts that reach the goal. The
+dashed line is the base rate, the mean over scenarios.
 """
 
 import sys
@@ -24,7 +25,7 @@ MIDDLE, ENDS = "#56B4E9", "#BBBBBB"
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/base_rates.png and .pdf into `results`, from its scores alone.
+    """Write figures/base_rates.png and .pdf into `results`.
 
     Raises:
         BadInput: there are no scores.
@@ -36,7 +37,7 @@ def plot(results: Path) -> list[Path]:
         & (scores["scenario"] >= 0)
         & (scores["step"] == -1)
     ]
-    # Every cell of an environment has been scored on the same rollouts.
+    # All cells of an environment are scored on the same rollouts.
     true = true.drop_duplicates(["environment", "scenario"])
     return _plot(true, results / "figures" / "base_rates")
 
@@ -46,23 +47,23 @@ def _plot(true: pd.DataFrame, stem: Path) -> list[Path]:
     with mpl.rc_context(style.context()):
         figure = style.figure(height=1.9)
         axes = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
-        for axis, environment in zip(axes, shown, strict=True):
+        for panel, environment in zip(axes, shown, strict=True):
             probability = true[true["environment"] == environment]["value"].to_numpy(np.float64)
-            _panel(axis, probability)
+            _panel(panel, probability)
             uncertain = ((probability > 0.1) & (probability < 0.9)).mean()
-            axis.set_title(
+            panel.set_title(
                 f"{label(environment)}: base rate {probability.mean():.2f},\n"
                 f"{uncertain:.0%} between 0.1 and 0.9",
                 loc="left",
                 fontsize=7,
             )
-            axis.set_xlabel("true probability of success")
-        axes[0].set_ylabel("scenarios")
+            panel.set_xlabel("true probability of success")
+        axes[0].set_ylabel("number of scenarios")
         return style.save(figure, stem)
 
 
 def _panel(axes: Axes, probability: Doubles) -> None:
-    # Rounding must not move a probability on an edge, such as 0.3, to the bin below it.
+    # Rounding must not move a probability at an edge, such as 0.3, to the bin below.
     bins = np.minimum(np.floor(probability * BINS + 1e-9).astype(int), BINS - 1)
     counts = np.bincount(bins, minlength=BINS)
     colours = [ENDS, *[MIDDLE] * (BINS - 2), ENDS]
@@ -74,4 +75,4 @@ def _panel(axes: Axes, probability: Doubles) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Histogram of the true probabilities of success."))
+    sys.exit(command(plot, "Histogram of the true probability of success of the test scenarios."))

@@ -1,13 +1,14 @@
-"""What β costs: each trial's validation score against its β, for every search.
+"""Validation score of each trial of the searches for β, over β.
 
     python -m paper_figs.beta results/paper
 
-A filled mark is a trial that ran to its end; an open one was pruned, and shows its last score. A
-ring marks the β that was chosen.
+A filled marker is a complete trial. An open marker is a pruned trial, at its last score. A ring
+marks the chosen β.
 """
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
@@ -22,16 +23,14 @@ from study.plotting import style
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/beta.png and .pdf into `results`, from its trials.parquet.
-
-    Nothing is written if no model was tuned.
+    """Write figures/beta.png and .pdf into `results`; nothing if no β was tuned.
 
     Raises:
-        BadInput: there is no table of trials.
+        BadInput: there is no trials.parquet.
     """
     path = results / "trials.parquet"
     if not path.is_file():
-        raise BadInput(f"{results} holds no trials.parquet: run `python -m study.run all` first")
+        raise BadInput(f"{results} has no trials.parquet: run `python -m study.run all` first")
     trials = pd.read_parquet(path)
     return _plot(trials, results / "figures" / "beta") if len(trials) else []
 
@@ -61,13 +60,13 @@ def _panel(axes: Axes, trials: pd.DataFrame, palette: dict[str, str]) -> None:
     for (model, _), search in trials.groupby(["model", "seed"]):
         colour = palette[str(model)]
         search = search.sort_values("beta")
-        # A trial that was pruned was scored earlier in its training: no line joins it.
-        ended = search[search["state"] == "complete"]
-        axes.plot(ended["beta"], ended["value"], color=colour, linewidth=0.7, alpha=0.5)
+        # The score of a pruned trial is from an earlier epoch, so the line leaves it out.
+        complete = search[search["state"] == "complete"]
+        axes.plot(complete["beta"], complete["value"], color=colour, linewidth=0.7, alpha=0.5)
         for state, face in (("complete", colour), ("pruned", "white")):
-            some = search[search["state"] == state]
+            trial = search[search["state"] == state]
             axes.plot(
-                some["beta"], some["value"], "o", color=colour, markerfacecolor=face, markersize=3
+                trial["beta"], trial["value"], "o", color=colour, markerfacecolor=face, markersize=3
             )
         chosen = search[search["chosen"]]
         axes.plot(
@@ -86,13 +85,11 @@ def _legend(trials: pd.DataFrame, palette: dict[str, str]) -> list[Line2D]:
         Line2D([], [], color=palette[model], marker="o", markersize=3, label=label(model))
         for model in models(trials)
     ]
-    ring = {"color": "black", "markerfacecolor": "none", "linestyle": ""}
-    return [
-        *marks,
-        Line2D([], [], marker="o", markersize=6.5, label="chosen", **ring),  # type: ignore[arg-type]
-        Line2D([], [], marker="o", markersize=3, label="pruned", **ring),  # type: ignore[arg-type]
-    ]
+    hollow: dict[str, Any] = {"color": "black", "markerfacecolor": "none", "linestyle": ""}
+    ring = Line2D([], [], marker="o", markersize=6.5, label="chosen β", **hollow)
+    circle = Line2D([], [], marker="o", markersize=3, label="pruned trial", **hollow)
+    return [*marks, ring, circle]
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Validation score against β, for every search."))
+    sys.exit(command(plot, "Validation score of each trial of the searches for β, over β."))

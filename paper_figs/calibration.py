@@ -1,11 +1,12 @@
-"""Coverage over the horizon, and PIT histograms, one figure for each environment.
+"""Coverage over the horizon and PIT histograms, one figure for each environment.
 
     python -m paper_figs.calibration results/paper
 
-Above: the share of observed rollouts within the central 50, 80 and 90 % of the forecasts, averaged
-over scenarios, state dimensions and seeds, and, in black, what it should be. Below: where observed
-rollouts fall among the forecasts, over the whole horizon (`study.metrics.calibration`): density 1
-throughout is calibrated, high ends are forecasts too narrow or off the mark.
+Upper row: coverage, the share of observed rollouts within the central 50, 80 and 90 % of the
+forecasts, averaged over scenarios, state dimensions and seeds. The black line is the nominal
+coverage. Lower row: PIT histograms over the whole horizon (`study.metrics.calibration`). A density
+of 1 is calibrated. High densities at both ends show a forecast variance that is too small, or a
+bias.
 """
 
 import sys
@@ -27,14 +28,16 @@ from study.metrics.tables.table import select
 from study.plotting import style
 
 INTERVALS = (50, 80, 90)
+"""Probabilities of the central intervals, in per cent."""
 
 DENSITIES = (0, 0.5, 1, 2, 4, 7, 10)
+"""Ticks of the PIT histograms."""
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/calibration_<environment>.png and .pdf into `results`, from its scores alone.
+    """Write figures/calibration_<environment>.png and .pdf into `results`.
 
-    Nothing is written for an environment whose scores hold no coverage.
+    Environments without scores of coverage have no figure.
 
     Raises:
         BadInput: there are no scores.
@@ -49,8 +52,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(rows):
         stem = results / "figures" / f"calibration_{environment}"
-        own = rows[rows["environment"] == environment]
-        written += _plot_environment(own, environment, stem)
+        of_environment = rows[rows["environment"] == environment]
+        written += _plot_environment(of_environment, environment, stem)
     return written
 
 
@@ -66,7 +69,7 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
 
 
 def _cells(scores: pd.DataFrame, model: str) -> list[str]:
-    """The levels at which a model is drawn: the oracle is the same at each."""
+    """The levels at which a model is plotted; the oracle is the same at all levels."""
     return levels(scores)[:1] if model == ORACLE else levels(scores)
 
 
@@ -78,10 +81,10 @@ def _coverage(
         axes.axhline(interval / 100, color="black", linewidth=0.6)
         for model in models(scores):
             for level in _cells(scores, model):
-                found = select(
+                coverage = select(
                     scores, f"coverage_{interval}", environment, level, model, by="step"
                 ).mean()
-                axes.plot(found.index, found, color=palette[model], **_line(model, level))
+                axes.plot(coverage.index, coverage, color=palette[model], **_line(model, level))
         axes.set_title(f"central {interval} %", loc="left")
     panels[0].set(ylim=(0, 1), ylabel=f"{label(environment)}: coverage")
     panels[0].set_xlim(left=0)
@@ -108,13 +111,13 @@ def _histograms(
                 )
         _frame(axes)
     panels[0].set_ylabel("density")
-    panels[len(panels) // 2].set_xlabel("PIT: rank of the observed among forecasts")
+    panels[len(panels) // 2].set_xlabel("PIT (rank of the observation among the forecasts)")
 
 
 def _shares(
     scores: pd.DataFrame, metrics: list[str], environment: str, level: str, model: str
 ) -> np.ndarray | None:
-    """The share of each bin, averaged over seeds; None where a cell has no scores."""
+    """The share of each bin, averaged over seeds; None for a cell without scores."""
     rows = [
         scores[
             (scores["metric"] == metric)
@@ -130,14 +133,14 @@ def _shares(
 def _frame(axes: Axes) -> None:
     axes.set_xlim(0, 1)
     axes.set_xticks([0, 0.5, 1], ["0", "½", "1"])
-    # By the root: zero can be shown, and high ends do not flatten the rest.
+    # A square-root scale can show zero, and high densities at the ends do not hide the rest.
     axes.set_yscale("function", functions=(np.sqrt, np.square))
     axes.set_yticks(DENSITIES, [f"{density:g}" for density in DENSITIES])
     axes.set_ylim(bottom=0)
 
 
 def _line(model: str, level: str) -> dict[str, Any]:
-    """As elsewhere, but finer: panels are small."""
+    """The line of a model at a level, thinner than in larger panels."""
     line = style.line(model, level)
     return line | {"linewidth": 0.7 * line["linewidth"]}
 
@@ -157,4 +160,4 @@ def _legend(figure: Figure, scores: pd.DataFrame, palette: dict[str, str]) -> No
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Coverage over the horizon and PIT histograms, for each environment."))
+    sys.exit(command(plot, "Coverage over the horizon and PIT histograms."))

@@ -1,13 +1,14 @@
-"""Fig. 1 of the paper: forecast trajectories, separated into aleatoric and epistemic uncertainty.
+"""Fig. 1 of the paper: forecast trajectories, with aleatoric and epistemic uncertainty.
 
     python -m paper_figs.fig1_trajectories results/paper
 
-For each environment and level, one test scenario (that whose outcome is most uncertain) as the
-residual VAE sees it, or another model with an ensemble. Left, from above: what was observed (grey),
-the members' forecasts (thick: how far they lie apart is epistemic), and samples around the members
-(thin, in the members' colours: how far they lie from their member is aleatoric). Right, over the
-horizon: the standard deviation of the forecast position, the two parts of its variance stacked,
-beside that of the observed rollouts.
+One figure for each environment, with one test scenario for each level: the scenario with the most
+uncertain outcome. The forecast is that of the residual VAE, or of another model with an ensemble.
+
+Left: the x-y plane. Observed rollouts are grey. Thick lines are the forecasts of the ensemble
+members, whose variance is epistemic. Thin lines are forecast samples, in the colour of their
+member; their variance about the member is aleatoric. Right: standard deviation of the forecast
+position over time, with its epistemic and aleatoric parts, and that of the observed rollouts.
 """
 
 import sys
@@ -35,7 +36,7 @@ EPISTEMIC, ALEATORIC, OBSERVED, TARGET = "#D55E00", "#F2C14E", "#777777", "#0000
 
 @dataclass(frozen=True)
 class Illustration:
-    """What stage evaluate left for one cell; see `study.stages.evaluate.illustrate`."""
+    """The illustration of one cell, which the stage `evaluate` writes."""
 
     environment: str
     level: str
@@ -47,7 +48,7 @@ class Illustration:
 def plot(results: Path) -> list[Path]:
     """Write figures/overview_<environment>.png and .pdf into `results`, from its illustrations.
 
-    Nothing is written for an environment that has none.
+    Environments without illustrations have no figure.
 
     Raises:
         BadInput: there is no such folder.
@@ -55,16 +56,16 @@ def plot(results: Path) -> list[Path]:
     """
     if not results.is_dir():
         raise BadInput(f"there is no folder {results}: run `python -m study.run all` first")
-    found = _read(results / "illustrations")
+    illustrations = _read(results / "illustrations")
     written = []
-    for environment in in_order({shown.environment for shown in found}, ENVIRONMENTS):
-        shown = [one for one in found if one.environment == environment]
-        written += _plot(shown, results / "figures" / f"overview_{environment}")
+    for environment in in_order({shown.environment for shown in illustrations}, ENVIRONMENTS):
+        shown = [entry for entry in illustrations if entry.environment == environment]
+        written += _plot(shown, environment, results / "figures" / f"overview_{environment}")
     return written
 
 
 def _read(folder: Path) -> list[Illustration]:
-    """One illustration for each environment and level: the residual VAE's first seed, if any."""
+    """One illustration for each environment and level: of the residual VAE's first seed, if any."""
     chosen: dict[tuple[str, str], Illustration] = {}
     for path in sorted(folder.glob("*/*/*/seed-*.safetensors")):
         environment, level, model = path.relative_to(folder).parts[:3]
@@ -72,18 +73,21 @@ def _read(folder: Path) -> list[Illustration]:
         if known is None or (model == RESIDUAL and known.model != RESIDUAL):
             chosen[environment, level] = Illustration(environment, level, model, *load_arrays(path))
     ordered = in_order({level for _, level in chosen}, LEVELS)
-    return sorted(chosen.values(), key=lambda one: (one.environment, ordered.index(one.level)))
+    return sorted(
+        chosen.values(), key=lambda entry: (entry.environment, ordered.index(entry.level))
+    )
 
 
-def _plot(shown: list[Illustration], stem: Path) -> list[Path]:
+def _plot(shown: list[Illustration], environment: str, stem: Path) -> list[Path]:
     with mpl.rc_context(style.context()):
         figure = style.figure(height=1.75 * len(shown) + 0.45)
         rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[1.0, 1.15])
-        for (left, right), one in zip(rows, shown, strict=True):
-            _paths(left, one)
-            _variances(right, one)
+        for (left, right), illustration in zip(rows, shown, strict=True):
+            _paths(left, illustration)
+            _deviations(right, illustration)
             left.set_title(
-                f"{label(one.environment)}, {label(one.level)}: {label(one.model)}", loc="left"
+                f"{label(environment)}, {label(illustration.level)}: {label(illustration.model)}",
+                loc="left",
             )
         rows[-1, 0].set_xlabel("x (m)")
         rows[-1, 1].set_xlabel("time (s)")
@@ -97,8 +101,8 @@ def _plot(shown: list[Illustration], stem: Path) -> list[Path]:
         return style.save(figure, stem)
 
 
-def _paths(axes: Axes, one: Illustration) -> None:
-    arrays = one.arrays
+def _paths(axes: Axes, illustration: Illustration) -> None:
+    arrays = illustration.arrays
     colours = [MEMBERS[m % len(MEMBERS)] for m in range(len(arrays["members"]))]
     target = arrays["target"].astype(float)
     lines = [
@@ -107,11 +111,11 @@ def _paths(axes: Axes, one: Illustration) -> None:
         (arrays["members"], colours, 1.6, 1.0),
     ]
     for paths, shades, width, alpha in lines:
-        level = paths[..., :2].astype(float)
-        collection = LineCollection(list(level), colors=shades, linewidths=width, alpha=alpha)
+        in_plane = paths[..., :2].astype(float)
+        collection = LineCollection(list(in_plane), colors=shades, linewidths=width, alpha=alpha)
         axes.add_collection(collection)
-        axes.update_datalim(level[np.isfinite(level).all(-1)])
-    radius = one.facts["radius"]
+        axes.update_datalim(in_plane[np.isfinite(in_plane).all(-1)])
+    radius = illustration.facts["radius"]
     axes.add_patch(Circle((target[0], target[1]), radius, fill=False, edgecolor=TARGET, zorder=5))
     axes.plot(*arrays["observed"][0, 0, :2], "o", color=TARGET, markersize=2.5, zorder=5)
     axes.autoscale_view()
@@ -119,10 +123,10 @@ def _paths(axes: Axes, one: Illustration) -> None:
     axes.set_ylabel("y (m)")
 
 
-def _variances(axes: Axes, one: Illustration) -> None:
-    arrays = one.arrays
-    time = np.arange(1, len(arrays["aleatoric"]) + 1) * one.facts["control_step"]
-    # Variances add and deviations do not: the border between the parts is the epistemic deviation.
+def _deviations(axes: Axes, illustration: Illustration) -> None:
+    arrays = illustration.arrays
+    time = np.arange(1, len(arrays["aleatoric"]) + 1) * illustration.facts["control_step"]
+    # Variances add, standard deviations do not. The border is the epistemic standard deviation.
     epistemic = np.sqrt(arrays["epistemic"])
     total = np.sqrt(arrays["epistemic"] + arrays["aleatoric"])
     axes.fill_between(time, 0, epistemic, color=EPISTEMIC, linewidth=0)
@@ -131,7 +135,7 @@ def _variances(axes: Axes, one: Illustration) -> None:
     axes.set_xlim(0, time[-1])
     axes.set_ylim(bottom=0)
     axes.set_axisbelow(True)
-    axes.set_ylabel("deviation of position (m)")
+    axes.set_ylabel("std. dev. of position (m)")
 
 
 def _legend() -> list[Line2D | Patch]:
@@ -141,9 +145,9 @@ def _legend() -> list[Line2D | Patch]:
         Line2D([], [], color=MEMBERS[0], linewidth=0.6, label="forecast samples"),
         Patch(color=EPISTEMIC, linewidth=0, label="epistemic part"),
         Patch(color=ALEATORIC, linewidth=0, label="aleatoric part"),
-        Line2D([], [], color="black", linestyle=style.DASHES, label="observed deviation"),
+        Line2D([], [], color="black", linestyle=style.DASHES, label="observed std. dev."),
     ]
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Forecasts split into aleatoric and epistemic: the paper's Fig. 1."))
+    sys.exit(command(plot, "Aleatoric and epistemic uncertainty of forecasts: the paper's Fig. 1."))

@@ -1,12 +1,12 @@
-"""Fig. 3 of the paper: MMD² over the forecasting horizon, one figure for each environment.
+"""Fig. 3 of the paper: MMD² over the forecast horizon, one figure for each environment.
 
     python -m paper_figs.fig3_mmd results/paper
 
-Curves are averages over scenarios, state dimensions and seeds; bands are 95 % intervals by a
-bootstrap over seeds and scenarios. The vertical axis is spaced by the root, so heights are those of
-MMD, and the floor stays visible: the oracle's unbiased MMD² is zero on average, and dips below.
-Dotted lines are a ruler: the MMD² of right forecasts that are shifted by 0.1, 0.3 and 1 standard
-deviation of the observed rollouts.
+Curves are averages over scenarios, state dimensions and seeds. Bands are 95 % intervals by a
+bootstrap over seeds and scenarios. The vertical scale is a square root, so heights are proportional
+to MMD. The unbiased MMD² of the oracle has mean zero and can be negative. Dotted lines are
+reference shifts: the MMD² of the oracle's forecasts, shifted by 0.1, 0.3 and 1 standard deviations
+(sd) of the observed rollouts.
 """
 
 import sys
@@ -24,32 +24,34 @@ from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
 from study.metrics.intervals import percentiles, resampled_means
+from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
 from study.plotting import style
 
 RESAMPLES = 1000
+"""Of the bootstrap."""
 
-RULER = {f"mmd2_shift_{shift}": f"{shift} sd" for shift in ("0.1", "0.3", "1")}
-"""Metrics of the oracle's cells, and what stands beside their lines."""
+REFERENCE_SHIFTS = {metric: f"{shift:g} sd" for metric, shift in SHIFT_METRICS.items()}
+"""The label of the line of each reference shift, by metric."""
 
 TICKS = np.array([0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0])
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/mmd_<environment>.png and .pdf into `results`, from its scores alone.
+    """Write figures/mmd_<environment>.png and .pdf into `results`.
 
     Raises:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
     curves = scores[(scores["metric"] == "mmd2") & (scores["scenario"] >= 0) & (scores["step"] > 0)]
-    ruler = scores[scores["metric"].isin(RULER) & (scores["step"] > 0)]
+    shifts = scores[scores["metric"].isin(REFERENCE_SHIFTS) & (scores["step"] > 0)]
     written = []
     for environment in environments(curves):
         stem = results / "figures" / f"mmd_{environment}"
         written += _plot_environment(
             curves[curves["environment"] == environment],
-            ruler[ruler["environment"] == environment],
+            shifts[shifts["environment"] == environment],
             environment,
             stem,
         )
@@ -57,12 +59,12 @@ def plot(results: Path) -> list[Path]:
 
 
 def _plot_environment(
-    curves: pd.DataFrame, ruler: pd.DataFrame, environment: str, stem: Path
+    curves: pd.DataFrame, shifts: pd.DataFrame, environment: str, stem: Path
 ) -> list[Path]:
     palette = style.colours(models(curves))
     counts = {}
     with mpl.rc_context(style.context()):
-        # With many models the legend is high, and the curves are not to be low for it.
+        # More models need a higher legend; the panel keeps its height.
         figure = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
         axes = figure.subplots()
         for model in models(curves):
@@ -72,14 +74,14 @@ def _plot_environment(
                     continue
                 counts[model] = values.shape[:2]
                 _curve(axes, values, model, level, palette[model])
-        _ruler(axes, ruler)
+        _reference_shifts(axes, shifts)
         _finish(axes, environment, counts)
         _legend(axes, counts, levels(curves), palette)
         return style.save(figure, stem)
 
 
 def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> Doubles | None:
-    """MMD² [seeds, S, T], or None where a cell has no scores."""
+    """MMD² [seeds, S, T]; None for a cell without scores."""
     table = select(curves, "mmd2", environment, level, model, by="step and scenario")
     if table.empty:
         return None
@@ -95,9 +97,9 @@ def _curve(axes: Axes, values: Doubles, model: str, level: str, colour: str) -> 
     axes.plot(steps, values.mean((0, 1)), color=colour, **style.line(model, level))
 
 
-def _ruler(axes: Axes, ruler: pd.DataFrame) -> None:
-    for metric, name in RULER.items():
-        line = ruler[ruler["metric"] == metric].groupby("step")["value"].mean()
+def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:
+    for metric, name in REFERENCE_SHIFTS.items():
+        line = shifts[shifts["metric"] == metric].groupby("step")["value"].mean()
         if len(line):
             axes.plot(line.index, line, color="#999999", linewidth=0.6, linestyle=":", zorder=1)
             axes.annotate(
@@ -132,7 +134,7 @@ def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) ->
 def _legend(
     axes: Axes, counts: dict[str, tuple[int, ...]], shown: list[str], palette: dict[str, str]
 ) -> None:
-    """Colours say the model, lines the level: two short lists rather than every pair."""
+    """A legend of colours for models and of line styles for levels."""
     handles = [
         Line2D([], [], color=palette[model], label=label(model), **style.line(model, "low"))
         for model in counts
@@ -156,4 +158,4 @@ def _signed_square(value: Doubles) -> Doubles:
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "MMD² over the horizon, for each environment: the paper's Fig. 3."))
+    sys.exit(command(plot, "MMD² over the forecast horizon: the paper's Fig. 3."))

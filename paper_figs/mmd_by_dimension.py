@@ -1,10 +1,10 @@
-"""MMD² of each state dimension over the horizon, as heat maps, one figure for each environment.
+"""Heat maps of MMD² by state dimension and forecast step, one figure for each environment.
 
     python -m paper_figs.mmd_by_dimension results/paper
 
-A map a model and level; rows are state dimensions, columns forecast steps, colours averages over
-scenarios and seeds. One scale serves all maps of a figure; it is spaced by the root, so it shows
-MMD. What is below zero by chance is drawn as zero. The oracle's map, the floor, comes last.
+One map for each model and level, with averages over scenarios and seeds. All maps of a figure share
+one colour scale. It is a square root, so it is proportional to MMD. Negative values have the colour
+of zero. The map of the oracle is the last one.
 """
 
 import sys
@@ -26,11 +26,12 @@ from study.metrics.tables.table import select
 from study.plotting import style
 
 COLOURS = "viridis"
-"""Rises evenly to any colour vision, and in grey."""
+"""A colour map with perceptually uniform lightness."""
 
 NAME_SIZE = 4.5
+"""Font size of the names of dimensions."""
 ROW = 0.066
-"""Inches: the height of one dimension."""
+"""Height of one dimension, in inches."""
 
 
 def plot(results: Path) -> list[Path]:
@@ -46,8 +47,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(maps):
         stem = results / "figures" / f"mmd_by_dimension_{environment}"
-        own = maps[maps["environment"] == environment]
-        written += _plot_environment(own, environment, stem)
+        of_environment = maps[maps["environment"] == environment]
+        written += _plot_environment(of_environment, environment, stem)
     return written
 
 
@@ -85,14 +86,14 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
         bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.set_label(f"{label(environment)}: MMD² (no unit; lower is better)")
         bar.outline.set_visible(False)
-        # Lay out once for both files: with so many labels it takes longer than to draw.
+        # One layout for both files: with so many labels it takes longer than the plotting.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         return style.save(figure, stem)
 
 
 def _map(axes: Axes, table: pd.DataFrame, norm: PowerNorm) -> None:
-    """Dimensions × steps, the first dimension on top."""
+    """Plot a table of dimensions × steps, the first dimension on top."""
     steps, count = table.columns.to_numpy(np.float64), len(table)
     axes.imshow(
         table.to_numpy(),
@@ -109,4 +110,4 @@ def _map(axes: Axes, table: pd.DataFrame, norm: PowerNorm) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "MMD² of each state dimension over the horizon, as heat maps."))
+    sys.exit(command(plot, "Heat maps of MMD² by state dimension and forecast step."))

@@ -1,11 +1,12 @@
-"""How well each outcome is forecast: Brier score, skill, reliability and resolution.
+"""Tables of outcome forecasts: Brier score, skill, reliability and resolution.
 
     python -m paper_figs.outcome_tables results/paper
 
-One table for each level of epistemic uncertainty. An outcome is a block of rows, the task itself
-first, with its base rate and the score of the climatology; a row is a forecaster. Skill is a ruler
-from the climatology, 0, to the oracle, 1. Reliability (0 is best) and resolution (more is better)
-are terms of the fair Brier score, see `study.metrics.reliability`.
+One file for each environment, with one table for each level of epistemic uncertainty. Each outcome
+has a block of rows, one for each forecaster and one for the climatology; the goal comes first.
+Skill (`study.metrics.brier.skill`) is that of the plain Brier score: 0 for the climatology, 1 for
+the oracle. Reliability and resolution are terms of the fair Brier score
+(`study.metrics.reliability`).
 """
 
 import sys
@@ -21,19 +22,18 @@ from paper_figs.formatting import beyond, latex, number, title
 from paper_figs.scores import environments, forecasters, levels, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
-from study.metrics.brier import skill
+from study.metrics.brier import SMALLEST_RANGE, skill
 from study.metrics.intervals import Interval, interval
 from study.metrics.tables.table import LEVELLESS
 
-HEADLINE = "all"
+GOAL = "all"
+"""The name of the goal in the column `dimension` of the scores."""
 TERMS = ("brier_reliability", "brier_resolution")
-LEAST_TO_KNOW = 0.002
-"""Skill is not given where the oracle gains less over the climatology: it is a ratio of noise."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One forecaster; what has no score is None, and so is a skill without meaning."""
+    """One forecaster; None for missing scores and an undefined skill."""
 
     model: str
     score: Interval | None
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Block:
-    """One outcome: how often it happens, what the climatology scores, and the forecasters."""
+    """One outcome: its base rate, the score of the climatology, and the forecasters."""
 
     outcome: str
     base_rate: float
@@ -53,7 +53,7 @@ class Block:
 
 
 def plot(results: Path) -> list[Path]:
-    """Write tables/outcomes_<environment>.md and .tex into `results`, from its scores alone.
+    """Write tables/outcomes_<environment>.md and .tex into `results`.
 
     Raises:
         BadInput: there are no scores.
@@ -65,9 +65,11 @@ def plot(results: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        own = scores[scores["environment"] == environment]
-        tables = {level: blocks(own, environment, level) for level in levels(own)}
-        with_terms = bool(own["metric"].isin(TERMS).any())
+        of_environment = scores[scores["environment"] == environment]
+        tables = {
+            level: blocks(of_environment, environment, level) for level in levels(of_environment)
+        }
+        with_terms = bool(of_environment["metric"].isin(TERMS).any())
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
             path = folder / f"outcomes_{environment}.{suffix}"
             path.write_text(write(environment, tables, with_terms), encoding="utf-8")
@@ -76,20 +78,20 @@ def plot(results: Path) -> list[Path]:
 
 
 def blocks(scores: pd.DataFrame, environment: str, level: str) -> list[Block]:
-    """The table of one environment and level.
+    """The blocks of one environment and level.
 
-    The paper's models are always there if the environment is the paper's; then come others, the
-    oracle and the ensemble alone.
+    In the paper's environments, the paper's models are included with or without scores. Other
+    models, the oracle and the ensemble follow.
     """
     learned, references = forecasters(scores, environment)
     cells = {model: _cell(scores, level, model) for model in (*learned, *references)}
-    named = scores.loc[scores["metric"] == "brier", "dimension"].unique()
-    outcomes = [HEADLINE, *(name for name in named if name != HEADLINE)]
+    names = scores.loc[scores["metric"] == "brier", "dimension"].unique()
+    outcomes = [GOAL, *(name for name in names if name != GOAL)]
     return [_block(cells, name, learned) for name in outcomes]
 
 
 def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
-    """All rows of a model at a level; of the oracle at any level, if it was scored once for all."""
+    """All rows of a model at a level; of the oracle at the level at which it has scores."""
     chosen = scores[scores["model"] == model]
     at_level = chosen[chosen["level"] == level]
     if model in LEVELLESS and at_level.empty and len(chosen):
@@ -99,20 +101,17 @@ def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
 
 def _block(cells: dict[str, pd.DataFrame], outcome: str, learned: list[str]) -> Block:
     by_model = {model: _by_scenario(cell, "brier", outcome) for model, cell in cells.items()}
-    scores = {model: interval(found) for model, found in by_model.items() if found.size}
-    # What was observed is the same for all cells.
+    scores = {model: interval(values) for model, values in by_model.items() if values.size}
+    # Observed rollouts are the same for all cells.
     observed = [_by_scenario(cell, "observed_probability", outcome) for cell in cells.values()]
     climatology = [_overall(cell, "brier_climatology", outcome) for cell in cells.values()]
     reference = _first(climatology)
     oracle = scores[ORACLE].estimate if ORACLE in scores else np.nan
-    knowable = reference - oracle >= LEAST_TO_KNOW
     rows = tuple(
         Row(
             model,
             scores.get(model),
-            skill(scores[model].estimate, oracle, reference)
-            if knowable and model in scores
-            else None,
+            _skill(scores.get(model), oracle, reference),
             tuple(_mean(_overall(cell, term, outcome)) for term in TERMS),
             model in learned and _is_lowest(model, learned, scores),
         )
@@ -121,8 +120,13 @@ def _block(cells: dict[str, pd.DataFrame], outcome: str, learned: list[str]) -> 
     return Block(outcome, _first(observed), reference, rows)
 
 
+def _skill(score: Interval | None, oracle: float, climatology: float) -> float | None:
+    value = np.nan if score is None else skill(score.estimate, oracle, climatology)
+    return None if np.isnan(value) else value
+
+
 def _is_lowest(model: str, learned: list[str], scores: dict[str, Interval]) -> bool:
-    """Whether it scores less than every other learned model; of two that tie, neither does."""
+    """Whether its score is below that of every other learned model; no model is in a tie."""
     others = [scores[name].estimate for name in learned if name in scores and name != model]
     return model in scores and all(scores[model].estimate < other for other in others)
 
@@ -133,24 +137,24 @@ def _rows_of(cell: pd.DataFrame, metric: str, outcome: str) -> pd.DataFrame:
 
 def _by_scenario(cell: pd.DataFrame, metric: str, outcome: str) -> Doubles:
     """Values [seeds, S]."""
-    found = _rows_of(cell, metric, outcome)
-    found = found[found["scenario"] >= 0]
-    return found.pivot(index="seed", columns="scenario", values="value").to_numpy(np.float64)
+    rows = _rows_of(cell, metric, outcome)
+    rows = rows[rows["scenario"] >= 0]
+    return rows.pivot(index="seed", columns="scenario", values="value").to_numpy(np.float64)
 
 
 def _overall(cell: pd.DataFrame, metric: str, outcome: str) -> Doubles:
     """Values [seeds]."""
-    found = _rows_of(cell, metric, outcome)
-    return found.loc[found["scenario"] == -1, "value"].to_numpy(np.float64)
+    rows = _rows_of(cell, metric, outcome)
+    return rows.loc[rows["scenario"] == -1, "value"].to_numpy(np.float64)
 
 
 def _mean(values: Doubles) -> float | None:
     return float(values.mean()) if values.size and np.isfinite(values).all() else None
 
 
-def _first(found: Iterable[Doubles]) -> float:
-    """The mean of the first seed of the first cell that has values; NaN if none has."""
-    return next((float(values[0].mean()) for values in found if values.size), np.nan)
+def _first(by_cell: Iterable[Doubles]) -> float:
+    """The mean of the first seed of the first cell with values; NaN without any."""
+    return next((float(values[0].mean()) for values in by_cell if values.size), np.nan)
 
 
 Tables = dict[str, list[Block]]
@@ -204,16 +208,15 @@ def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
 
 
 def _texts(block: Block, with_terms: bool) -> list[tuple[Row | None, list[str]]]:
-    """The lines of a block: forecaster, score, interval, skill and terms; climatology last."""
+    """The lines of a block: forecaster, score, interval, skill, terms; climatology last."""
     lines: list[tuple[Row | None, list[str]]] = []
     for row in block.rows:
         ours = row.score
         texts = [label(row.model), number(ours.estimate if ours else None)]
         texts += [f"[{ours.low:.3f}, {ours.high:.3f}]" if ours else "", number(row.skill, 2)]
         lines.append((row, texts + [number(term) for term in row.terms if with_terms]))
-    known = None if np.isnan(block.climatology) else block.climatology
-    of_base_rate = ["climatology", number(known), "", number(0.0, 2)]
-    return [*lines, (None, of_base_rate + [number(0.0) for _ in TERMS if with_terms])]
+    climatology = ["climatology", number(block.climatology), "", number(0.0, 2)]
+    return [*lines, (None, climatology + [number(0.0) for _ in TERMS if with_terms])]
 
 
 def _term_heads(with_terms: bool) -> list[str]:
@@ -221,7 +224,7 @@ def _term_heads(with_terms: bool) -> list[str]:
 
 
 def _name(block: Block) -> str:
-    return "The task succeeds" if block.outcome == HEADLINE else title(block.outcome)
+    return "Reaches the goal" if block.outcome == GOAL else title(block.outcome)
 
 
 def _base_rate(block: Block) -> str:
@@ -231,25 +234,25 @@ def _base_rate(block: Block) -> str:
 def _notes(tables: Tables, with_terms: bool) -> list[str]:
     rows = [row for table in tables.values() for block in table for row in block.rows]
     measured = [row.score for row in rows if row.score]
-    scenarios = " to ".join(map(str, sorted({each.scenarios for each in measured})))
+    scenarios = " to ".join(map(str, sorted({score.scenarios for score in measured})))
     seeds = {row.score.seeds for row in rows if row.score and row.model != ORACLE}
     trained = " to ".join(map(str, sorted(seeds))) or "no"
     notes = [
         f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; 95 % "
         f"intervals over {'scenarios only' if seeds == {1} else 'seeds and scenarios'}.",
-        "Brier score: lower is better. Skill: 0 is the climatology (the base rate), 1 the oracle; "
-        f"— where less than {LEAST_TO_KNOW:g} lies between the two.",
+        "Brier score: lower is better. Skill: 0 for the climatology (the base rate), 1 for the "
+        f"oracle; — where their scores differ by less than {SMALLEST_RANGE:g}.",
         *beyond(row.model for row in rows),
     ]
     if with_terms:
         notes.append(
-            "Reliability: 0 is best. Resolution: more is better. Both are unbiased estimates "
-            "and can come out slightly below 0."
+            "Reliability: lower is better. Resolution: higher is better. Both estimates are "
+            "unbiased and can be slightly negative."
         )
     if any(row.score is None for row in rows):
-        notes.append("— as a score: the cell failed or was not run.")
+        notes.append("— as a score: the cell failed or did not run.")
     return notes
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Scores of every outcome, for each environment and level."))
+    sys.exit(command(plot, "Brier score, skill, reliability and resolution of outcome forecasts."))

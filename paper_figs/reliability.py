@@ -1,13 +1,13 @@
-"""Reliability diagrams of the task's outcome, one figure for each environment.
+"""Reliability diagrams of the goal, one figure for each environment.
 
     python -m paper_figs.reliability results/paper
 
-A point is a group of scenarios that were given about the same probability of success, ten or more
-of them for each seed: how often the task did succeed there, over what was forecast (see
-`study.metrics.reliability`). Bars are 95 % intervals by a bootstrap over seeds and scenarios. On
-the diagonal forecasts mean what they say; in the shaded area they beat the base rate, which is the
-dotted line (the attributes diagram of Hsu and Murphy 1986). Below, how often each probability was
-forecast: a forecaster that knows little stays near the base rate, one that is too sure at the ends.
+A point is a bin of scenarios with similar forecast probabilities of success, at least ten for each
+seed. It shows the observed frequency of success over the mean forecast
+(`study.metrics.reliability`). Bars are 95 % intervals by a bootstrap over seeds and scenarios. A
+reliable forecaster is on the diagonal. The dotted line is the base rate. In the shaded area
+forecasts are better than the base rate (the attributes diagram of Hsu and Murphy 1986). Histograms
+of the forecasts are below the diagram.
 """
 
 import sys
@@ -31,15 +31,16 @@ from study.metrics.tables.table import select
 from study.plotting import style
 
 RESAMPLES = 1000
+"""Of the bootstrap."""
 REFERENCES = (ENSEMBLE, ORACLE)
 SHADE = "#EFEFE8"
 STRIP = 0.12
-"""Inches: the height of one histogram."""
+"""Height of one histogram, in inches."""
 
 
 @dataclass(frozen=True)
 class Forecasts:
-    """What one model forecast at one level, and what came of it."""
+    """Forecast and observed probabilities of one model at one level."""
 
     probability: Doubles
     """[seeds, S]."""
@@ -48,7 +49,7 @@ class Forecasts:
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/reliability_<environment>.png and .pdf into `results`, from its scores alone.
+    """Write figures/reliability_<environment>.png and .pdf into `results`.
 
     Raises:
         BadInput: there are no scores.
@@ -62,8 +63,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(probabilities):
         stem = results / "figures" / f"reliability_{environment}"
-        own = probabilities[probabilities["environment"] == environment]
-        written += _plot_environment(own, environment, stem)
+        of_environment = probabilities[probabilities["environment"] == environment]
+        written += _plot_environment(of_environment, environment, stem)
     return written
 
 
@@ -72,33 +73,33 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
     with mpl.rc_context(style.context()):
         shown = levels(scores)
         cells = [_forecasts(scores, environment, level) for level in shown]
-        named = [model for model in models(scores) if any(model in cell for cell in cells)]
-        figure, panels, strips = _layout(len(shown), len(named))
+        present = [model for model in models(scores) if any(model in cell for cell in cells)]
+        figure, panels, strips = _layout(len(shown), len(present))
         for level, cell, panel, strip in zip(shown, cells, panels, strips, strict=True):
             _background(panel, next(iter(cell.values())).observed.mean())
             for model, forecasts in cell.items():
                 _curve(panel, forecasts, model, palette[model])
-            _histograms(strip, [cell.get(model) for model in named], [palette[m] for m in named])
+            _histograms(strip, [cell.get(m) for m in present], [palette[m] for m in present])
             panel.set_title(f"{label(environment)}, {label(level)}", loc="left")
-        _legend(figure, named, palette, _counts(cells))
+        _legend(figure, present, palette, _counts(cells))
         return style.save(figure, stem)
 
 
 def _forecasts(scores: pd.DataFrame, environment: str, level: str) -> dict[str, Forecasts]:
-    """By model, those that have scores at this level."""
-    found = {}
+    """The forecasts of each model with scores at this level."""
+    forecasts = {}
     for model in models(scores):
         probability, observed = (
             select(scores, f"{which}_probability", environment, level, model).to_numpy(np.float64)
             for which in ("forecast", "observed")
         )
         if probability.size:
-            found[model] = Forecasts(probability, observed[0])
-    return found
+            forecasts[model] = Forecasts(probability, observed[0])
+    return forecasts
 
 
 def _layout(columns: int, rows: int) -> tuple[Figure, list[Axes], list[Axes]]:
-    """A panel a level, square if there are two, and under it a strip of histograms."""
+    """One panel for each level, square if there are two, with a strip of histograms below."""
     figure = style.figure(height=2.68 + STRIP * rows)
     axes = figure.subplots(
         2, columns, sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, STRIP * rows]
@@ -111,7 +112,7 @@ def _layout(columns: int, rows: int) -> tuple[Figure, list[Axes], list[Axes]]:
 
 
 def _background(axes: Axes, base: float) -> None:
-    """The diagonal, the base rate, and where forecasts are worth more than it."""
+    """The diagonal, the base rate, and the area where forecasts are better than it."""
     ends = np.array([0.0, base, 1.0])
     halfway = (ends + base) / 2
     axes.fill_between(ends[:2], 0, halfway[:2], color=SHADE, linewidth=0, zorder=0)
@@ -141,11 +142,11 @@ def _curve(axes: Axes, forecasts: Forecasts, model: str, colour: str) -> None:
 
 
 def _histograms(axes: Axes, cells: list[Forecasts | None], colours: list[str]) -> None:
-    """One row of bars a model, each scaled to its own highest."""
+    """One row of bars for each model, scaled to the row's highest bar."""
     left = np.arange(BINS) / BINS
     for row, (forecasts, colour) in enumerate(zip(reversed(cells), reversed(colours), strict=True)):
         if forecasts is not None:
-            group = group_of(forecasts.probability.ravel(), BINS, least=1)
+            group = group_of(forecasts.probability.ravel(), BINS, smallest=1)
             count = np.bincount(group, minlength=BINS)
             heights = 0.82 * count / count.max()
             axes.bar(left, heights, 0.86 / BINS, bottom=row, color=colour, align="edge")
@@ -156,8 +157,8 @@ def _histograms(axes: Axes, cells: list[Forecasts | None], colours: list[str]) -
 
 
 def _counts(cells: list[dict[str, Forecasts]]) -> str:
-    """How many scenarios and training seeds there are at most."""
-    scenarios = max(len(each.observed) for cell in cells for each in cell.values())
+    """The largest numbers of scenarios and of training seeds."""
+    scenarios = max(len(f.observed) for cell in cells for f in cell.values())
     trained = [len(f.probability) for c in cells for model, f in c.items() if model != ORACLE]
     seeds = max(trained, default=0)
     return f"{scenarios} scenarios, {seeds} training seed{'' if seeds == 1 else 's'}"
@@ -170,7 +171,7 @@ def _legend(figure: Figure, shown: list[str], palette: dict[str, str], counts: s
     handles += [
         Line2D([], [], color="black", linewidth=0.6, label="reliable"),
         Line2D([], [], color="black", linewidth=0.6, linestyle=":", label="base rate"),
-        Patch(color=SHADE, label="beats base rate"),
+        Patch(color=SHADE, label="better than base rate"),
     ]
     figure.legend(
         handles=handles,
@@ -184,4 +185,4 @@ def _legend(figure: Figure, shown: list[str], palette: dict[str, str], counts: s
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Reliability diagrams of the task's outcome, for each environment."))
+    sys.exit(command(plot, "Reliability diagrams of the goal."))

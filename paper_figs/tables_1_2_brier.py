@@ -1,10 +1,10 @@
-"""Tables I and II of the paper: Brier scores, ours with an interval and the paper's beside them.
+"""Tables I and II of the paper: our Brier scores with intervals, and the paper's values.
 
     python -m paper_figs.tables_1_2_brier results/paper
 
-Rows are the levels of epistemic uncertainty, columns the models, then what to compare them with:
-the oracle (no forecast can do better), the ensemble alone, and the climatology (the base rate of
-success, what a forecast without any knowledge of the scenario scores).
+One table for each environment. Rows are the levels of epistemic uncertainty, columns are the models
+and the references: the oracle (the lowest possible expected score), the ensemble alone, and the
+climatology (the score of the base rate of success as a forecast).
 """
 
 import sys
@@ -36,7 +36,7 @@ CLIMATOLOGY = "climatology"
 
 @dataclass(frozen=True)
 class Entry:
-    """One cell of the table: ours, None where there is no score, and the paper's."""
+    """One cell of the table: our score, None without one, and the paper's value."""
 
     ours: Interval | None
     paper: float | None
@@ -48,7 +48,7 @@ Row = dict[str, Entry]
 
 
 def plot(results: Path) -> list[Path]:
-    """Write tables/brier_<environment>.md and .tex into `results`, from its scores alone.
+    """Write tables/brier_<environment>.md and .tex into `results`.
 
     Raises:
         BadInput: there are no scores.
@@ -61,8 +61,8 @@ def plot(results: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        own = scores[scores["environment"] == environment]
-        table = rows(own, environment, failed_cells(results))
+        of_environment = scores[scores["environment"] == environment]
+        table = rows(of_environment, environment, failed_cells(results))
         for suffix, text in (
             ("md", to_markdown(environment, table)),
             ("tex", to_latex(environment, table)),
@@ -76,9 +76,14 @@ def plot(results: Path) -> list[Path]:
 def rows(
     scores: pd.DataFrame, environment: str, failed: Collection[tuple[str, str, str]] = ()
 ) -> dict[str, Row]:
-    """The table of one environment: level, then column, to entry; `failed` names cells that did.
+    """The entries of one environment by level, then by column.
 
-    The paper's levels and models are always there, with or without scores; others follow them.
+    In the paper's environments, the paper's levels and models are included with or without scores.
+
+    Args:
+        scores: of the environment.
+        environment: its name.
+        failed: environment, level and model of the cells that failed.
     """
     of_paper = any(environment == known for known, _, _ in BRIER)
     learned, references = forecasters(scores, environment)
@@ -105,16 +110,16 @@ def _measure(
 
 
 def _climatology(scores: pd.DataFrame, environment: str, level: str) -> Interval | None:
-    """From any cell: it depends on what was observed, and not on a model."""
+    """The climatology's score, from any cell: it does not depend on the model."""
     for model in models(scores):
-        found = select(scores, "brier_climatology", environment, level, model)
-        if not found.empty:
-            return interval(found.to_numpy(np.float64)[:1])
+        values = select(scores, "brier_climatology", environment, level, model)
+        if not values.empty:
+            return interval(values.to_numpy(np.float64)[:1])
     return None
 
 
 def _mark_best(row: Row, learned: list[str]) -> Row:
-    """The lowest score of the learned models, which the paper prints bold."""
+    """Mark the lowest score of the learned models, which is bold as in the paper."""
     scored = {model: ours.estimate for model in learned if (ours := row[model].ours) is not None}
     best = min(scored, key=scored.__getitem__, default=None)
     return {name: replace(entry, best=name == best) for name, entry in row.items()}
@@ -124,7 +129,7 @@ MISSING = "not run"
 
 
 def to_markdown(environment: str, table: dict[str, Row]) -> str:
-    """A pipe table with a title and notes."""
+    """A Markdown table with a title and notes."""
     columns = list(next(iter(table.values())))
     lines = [
         f"# Brier scores, {label(environment)} (lower is better)",
@@ -150,7 +155,7 @@ def _markdown_entry(entry: Entry) -> str:
 
 
 def to_latex(environment: str, table: dict[str, Row]) -> str:
-    """A table for two columns, with booktabs."""
+    """A LaTeX table over two columns, with booktabs."""
     columns = list(next(iter(table.values())))
     lines = [
         "% needs \\usepackage{booktabs}",
@@ -203,15 +208,18 @@ def _counts(table: dict[str, Row]) -> str:
     seeds = " to ".join(map(str, sorted(set(trained)))) or "no"
     unit = "training seed" if seeds == "1" else "training seeds"
     covered = "scenarios only" if seeds == "1" else "seeds and scenarios"
-    return f"{scenarios} scenarios, {seeds} {unit}; in brackets 95 % intervals over {covered}."
+    return (
+        f"{scenarios} scenarios, {seeds} {unit}; in brackets 95 % intervals over {covered}. "
+        "Brier scores have no unit."
+    )
 
 
 def _notes(table: dict[str, Row]) -> list[str]:
     entries = [entry for row in table.values() for entry in row.values()]
     missing = any(entry.ours is None and not entry.failed for entry in entries)
-    own = beyond(name for row in table.values() for name in row)
-    return [*own, f"— {MISSING}."] if missing else own
+    models_beyond = beyond(name for row in table.values() for name in row)
+    return [*models_beyond, f"— {MISSING}."] if missing else models_beyond
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Brier scores, for each environment: the paper's Tables I and II."))
+    sys.exit(command(plot, "Brier scores: the paper's Tables I and II."))

@@ -1,13 +1,14 @@
-"""Predicted variance over the true one, over the horizon, one figure for each environment.
+"""Forecast variance / true variance over the horizon, one figure for each environment.
 
     python -m paper_figs.variance_ratio results/paper
 
-A panel a model. Thick: aleatoric variance as forecast, over that of the simulator, the median over
-state dimensions, and shaded their range. Thin: the same of the total variance, for models with an
-ensemble. (The ensemble alone forecasts no aleatoric variance: it has no thick line.) 1 is right;
-above it noise is overstated, and an aleatoric ratio that rises where there is less data counts
-epistemic uncertainty twice. Dimensions whose true variance is negligible at a step are left out
-there; ratios are averaged over seeds. The oracle, in every panel, shows what chance does.
+One panel for each model. Ratios are averaged over seeds at each step and dimension; curves are
+medians over dimensions at each step, and shaded areas their ranges. Thick lines are the aleatoric
+forecast variance / true variance. Thin lines are the total forecast variance / true variance, for
+models with an ensemble. The ensemble alone has no aleatoric variance, so its line is the total. The
+ideal ratio is 1. An aleatoric ratio above 1 that is higher where there is less data shows that a
+model counts epistemic uncertainty twice. Dimensions with a negligible true variance at a step are
+left out there. The oracle, in every panel, shows the variation by chance.
 """
 
 import sys
@@ -31,13 +32,14 @@ from study.plotting import style
 ALEATORIC, TOTAL = "aleatoric_ratio", "variance_ratio"
 
 LIMITS = (1e-3, 1e3)
-"""The axis never goes further, whatever diverges: ratios beyond are beyond any use."""
+"""Limits of the ratio's axis, for models that diverge."""
 
 THIN = 0.5
+"""Width of the lines of the total variance, in points."""
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/variance_<environment>.png and .pdf into `results`, from its scores alone.
+    """Write figures/variance_<environment>.png and .pdf into `results`.
 
     Raises:
         BadInput: there are no scores.
@@ -51,8 +53,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(ratios):
         stem = results / "figures" / f"variance_{environment}"
-        own = ratios[ratios["environment"] == environment]
-        written += _plot_environment(own, environment, stem)
+        of_environment = ratios[ratios["environment"] == environment]
+        written += _plot_environment(of_environment, environment, stem)
     return written
 
 
@@ -63,16 +65,17 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
     with mpl.rc_context(style.context()):
         figure = style.figure(height=0.7 + 1.15 * rows)
         panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
-        for at, (model, axes) in enumerate(zip(shown, panels.flat, strict=False)):
+        for index, (model, axes) in enumerate(zip(shown, panels.flat, strict=False)):
             _panel(axes, scores, environment, model, palette)
-            if at + 2 >= len(shown):
+            if index + 2 >= len(shown):
                 axes.xaxis.set_tick_params(labelbottom=True)
                 axes.set_xlabel("forecast step")
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
         _scales(panels[0, 0])
         figure.supylabel(
-            f"{label(environment)}: predicted / true variance", size=mpl.rcParams["axes.labelsize"]
+            f"{label(environment)}: forecast variance / true variance",
+            size=mpl.rcParams["axes.labelsize"],
         )
         _legend(figure, scores)
         return style.save(figure, stem)
@@ -103,7 +106,7 @@ def _panel(
 def _by_step(
     scores: pd.DataFrame, metric: str, environment: str, level: str, model: str
 ) -> pd.DataFrame:
-    """Ratios, dimensions × steps, averaged over seeds; empty where a cell has no scores."""
+    """Ratios, dimensions × steps, averaged over seeds; empty for a cell without scores."""
     table = select(scores, metric, environment, level, model, by="dimension and step")
     return table if table.empty else table.mean().unstack("step")
 
@@ -116,7 +119,7 @@ def _range(axes: Axes, values: pd.DataFrame, colour: str) -> None:
 
 
 def _scales(axes: Axes) -> None:
-    """Of all panels, which share them."""
+    """Set the scales, which all panels share."""
     axes.set_yscale("log", nonpositive="clip")
     low, high = axes.get_ylim()
     axes.set_ylim(max(low, LIMITS[0]), min(high, LIMITS[1]))
@@ -154,4 +157,4 @@ def _legend(figure: Figure, scores: pd.DataFrame) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command(plot, "Predicted variance over the true one, for each environment."))
+    sys.exit(command(plot, "Forecast variance / true variance over the horizon."))

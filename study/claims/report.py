@@ -149,13 +149,9 @@ def _contrasts(verdict: Verdict) -> str:
     if verdict.missing:
         return f"{head} No scores of {', '.join(verdict.missing)}."
     margin = verdict.findings[0].margin
-    bound = (
-        f"margin ±{margin:.3g}"
-        if claim.rule is Rule.EQUAL
-        else f"smallest effect of interest {margin:.3g}"
-    )
+    kind = "margin ±" if claim.rule is Rule.EQUAL else "smallest effect of interest "
     contrasts = "; ".join(f"{f.text} {_interval(f)} {f.status}" for f in verdict.findings)
-    return f"{head} {contrasts} ({bound}). See [{claim.figure}]({claim.figure})."
+    return f"{head} {contrasts} ({kind}{margin:.3g}). See [{claim.figure}]({claim.figure})."
 
 
 def _source(claim: Claim) -> str:
