@@ -25,12 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
         the exit code: 0 all is well, 1 something failed, 2 the input is wrong, 130 interrupted.
     """
     try:
-        command, options = parse(sys.argv[1:] if arguments is None else arguments)
-        if isinstance(options, StudyOptions):
-            import_plugins(options.config.plugins)
-        code: int = command.run(options)
-        sys.stdout.flush()
-        return code
+        return _run(sys.argv[1:] if arguments is None else arguments)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -42,6 +37,17 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped: run the same command again to go on from here", file=sys.stderr)
         return INTERRUPTED
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        command, options = parse(arguments)
+        if isinstance(options, StudyOptions):
+            import_plugins(options.config.plugins)
+        code: int = command.run(options)
+        return code
+    finally:
+        sys.stdout.flush()  # here and not on exit, where a closed pipe would be reported
 
 
 def _close_output() -> int:

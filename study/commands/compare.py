@@ -66,7 +66,7 @@ def different_settings(results: Results, cells: Sequence[Cell]) -> "pd.DataFrame
     """
     columns = {cell.name: _settings(results, cell) for cell in cells}
     table = _side_by_side(columns)
-    return table[table.astype(str).nunique(axis=1) > 1]
+    return table[[len(set(row)) > 1 for row in table.to_numpy(dtype=object)]]
 
 
 def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
@@ -91,7 +91,7 @@ def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
 
 
 def _settings(results: Results, cell: Cell) -> Column:
-    """The cell's coordinates, its β, and the settings of the stages that it depends on, flat."""
+    """The cell's coordinates, its β, and the settings of its stages, by their dotted names."""
     import pandas as pd
 
     from study.workflow.pipeline import Pipeline
@@ -100,10 +100,11 @@ def _settings(results: Results, cell: Cell) -> Column:
     trials = _of_cell(pd.read_parquet(results.out / "trials.parquet"), cell)
     column = asdict(cell) | {"beta": _only(trials[trials.chosen.astype(bool)], "beta")}
     for task in in_order([Pipeline(results.config).evaluate(cell)]):
-        for name, value in _flat(task.settings, task.stage).items():
-            # Seeds follow from the cell; the rest repeats its coordinates.
-            if name.rpartition(".")[2] not in column:
-                column[name] = value
+        for path, value in _flat(task.settings, task.stage).items():
+            section, name = path.split(".")[-2:]
+            # Seeds follow from the cell, and versions are those of the code.
+            if name not in column and not name.endswith("_version"):
+                column[f"{section}.{name}"] = value
     return column
 
 

@@ -1,20 +1,16 @@
-"""What the stages took: measured, kept, and added up only where it is known."""
+"""The cost of the stages: measured, written, and added up only where it is known."""
 
 import io
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console
 
-from study.commands.usage import UNKNOWN, by_stage, in_all
+from study.commands.status import UNKNOWN, cost_table, duration_line
 from study.common.files import read_json, write_json
 from study.workflow import meter
-from study.workflow.meter import Meter
 from tests.helpers.running import SMALL, study
 
 MEGABYTE = 1_000_000
@@ -25,9 +21,9 @@ def timing(minute: int, seconds: float, **others: float) -> dict[str, Any]:
 
 
 def lines(timings: Sequence[tuple[str, dict[str, Any]]]) -> dict[str, list[str]]:
-    """The columns of each line of the table, by stage."""
+    """The columns after the stage's name, by stage."""
     out = io.StringIO()
-    Console(file=out, width=120).print(by_stage(timings))
+    Console(file=out, width=120).print(cost_table(timings))
     found = [line.split() for line in out.getvalue().splitlines()[3:]]
     return {words[0]: words[1:] for words in found if words and "─" not in words[0]}
 
@@ -46,14 +42,14 @@ def test_a_table_by_stage() -> None:
     }
 
 
-def test_one_go_and_how_busy() -> None:
+def test_duration_and_how_busy() -> None:
     two = [
         timing(0, 60, cpu_seconds=60.0, threads=1),
         timing(1, 40, cpu_seconds=30.0, threads=1),
         timing(0, 100, cpu_seconds=90.0, threads=1),
     ]
-    assert in_all(two, 2) == "100 s from first start to last end; 2 cores, 90% busy"
-    assert in_all(two[-1:], 1) == "100 s from first start to last end; 1 core, 90% busy"
+    assert duration_line(two, 2) == "100 s from first start to last end; 2 cores, 90% busy"
+    assert duration_line(two[-1:], 1) == "100 s from first start to last end; 1 core, 90% busy"
 
 
 @pytest.mark.parametrize(
@@ -61,48 +57,18 @@ def test_one_go_and_how_busy() -> None:
 )
 def test_how_busy_is_not_guessed(last: dict[str, Any]) -> None:
     first = timing(0, 60, cpu_seconds=60.0, threads=1)
-    assert in_all([first, last], 2) == "100 s from first start to last end"
+    assert duration_line([first, last], 2) == "100 s from first start to last end"
 
 
-def test_several_goes() -> None:
+def test_several_parts() -> None:
     assert (
-        in_all([timing(0, 60), timing(1, 30), timing(9, 10)], 2) == "it ran in 2 goes, 100 s in all"
+        duration_line([timing(0, 60), timing(1, 30), timing(9, 10)], 2)
+        == "it ran in 2 parts, 100 s in all"
     )
 
 
-def test_nothing_in_all_until_all_have_run() -> None:
-    assert in_all([timing(0, 60), {}], 2) == in_all([], 2) == ""
-
-
-def test_the_peak_is_that_of_the_work(tmp_path: Path) -> None:
-    """In a process of its own: whatever it held before is no part of it."""
-    script = """
-import numpy as np
-from study.workflow.meter import Meter
-before = np.ones(40_000_000); del before
-meter = Meter(); small = meter.read()["peak_memory"]
-during = np.ones(10_000_000); del during
-print(small, meter.read()["peak_memory"])
-"""
-    if not meter._reset_peak():
-        pytest.skip("this system does not tell the peak memory of a part of a process's life")
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    small, large = map(int, done.stdout.split())
-    assert small < 200 * MEGABYTE
-    assert large == pytest.approx(small + 80 * MEGABYTE, abs=8 * MEGABYTE)
-
-
-def test_no_peak_where_the_system_does_not_tell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("study.workflow.meter.CLEAR", tmp_path / "nowhere" / "clear_refs")
-    meter = Meter()
-    np.random.default_rng(0).random((300, 300)).dot(np.ones((300, 300)))
-    used = meter.read()
-    assert set(used) == {"seconds", "cpu_seconds"}
-    assert min(used.values()) > 0
+def test_no_duration_until_all_have_run() -> None:
+    assert duration_line([timing(0, 60), {}], 2) == duration_line([], 2) == ""
 
 
 def test_every_task_leaves_its_numbers(small: Path) -> None:
@@ -136,5 +102,5 @@ def test_results_of_earlier_versions_show(copied: Path) -> None:
     assert "busy" not in done.out
     assert done.out.endswith("from first start to last end\n")
     part = study("status", *SMALL, "--out", copied, "--only", "*/drift/*")
-    assert "what the stages took" in part.out
+    assert "cost of the stages" in part.out
     assert "from first start" not in part.out

@@ -1,0 +1,51 @@
+"""What the command line says of errors of the operating system."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from study.commands import status
+from study.run import main
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (errno.ENOSPC, "the disk is full"),
+        (errno.EACCES, "no permission"),
+        (errno.ENAMETOOLONG, "the name is too long"),
+        (errno.EIO, os.strerror(errno.EIO)),
+    ],
+)
+def test_one_line_about_an_error_of_the_system(
+    number: int,
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(number, os.strerror(number), str(tmp_path / "file"))
+
+    monkeypatch.setattr(status, "record_tasks", fail)
+    assert main(["status", "--out", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {tmp_path / 'file'}: {expected}")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["all", "--help"]])
+def test_a_closed_pipe_ends_it_quietly(arguments: list[str]) -> None:
+    """As with `python -m study.run --help | true`; the second text is longer than the buffer."""
+    program = [sys.executable, "-m", "study.run", *arguments]
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(program, stdout=writing, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(writing)
+    assert done.stderr == ""
