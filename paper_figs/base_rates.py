@@ -53,7 +53,7 @@ def _plot(true: pd.DataFrame, stem: Path) -> list[Path]:
             uncertain = ((probability > 0.1) & (probability < 0.9)).mean()
             panel.set_title(
                 f"{label(environment)}: base rate {probability.mean():.2f},\n"
-                f"{uncertain:.0%} between 0.1 and 0.9",
+                f"{100 * uncertain:.0f} % between 0.1 and 0.9",
                 loc="left",
                 fontsize=7,
             )

@@ -11,11 +11,13 @@ reference shifts: the MMD² of the oracle's forecasts, shifted by 0.1, 0.3 and 1
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
@@ -33,6 +35,8 @@ RESAMPLES = 1000
 
 REFERENCE_SHIFTS = {metric: f"{shift:g} sd" for metric, shift in SHIFT_METRICS.items()}
 """The label of the line of each reference shift, by metric."""
+
+SHIFT_LINE: dict[str, Any] = {"color": "#999999", "linewidth": 0.6, "linestyle": ":"}
 
 TICKS = np.array([0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0])
 
@@ -76,7 +80,7 @@ def _plot_environment(
                 _curve(axes, values, model, level, palette[model])
         _reference_shifts(axes, shifts)
         _finish(axes, environment, counts)
-        _legend(axes, counts, levels(curves), palette)
+        _legend(figure, list(counts), levels(curves), palette, not shifts.empty)
         return style.save(figure, stem)
 
 
@@ -101,7 +105,7 @@ def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:
     for metric, name in REFERENCE_SHIFTS.items():
         line = shifts[shifts["metric"] == metric].groupby("step")["value"].mean()
         if len(line):
-            axes.plot(line.index, line, color="#999999", linewidth=0.6, linestyle=":", zorder=1)
+            axes.plot(line.index, line, zorder=1, **SHIFT_LINE)
             axes.annotate(
                 name,
                 (line.index[-1], line.iloc[-1]),
@@ -132,19 +136,23 @@ def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) ->
 
 
 def _legend(
-    axes: Axes, counts: dict[str, tuple[int, ...]], shown: list[str], palette: dict[str, str]
+    figure: Figure,
+    shown_models: list[str],
+    shown_levels: list[str],
+    palette: dict[str, str],
+    with_shifts: bool,
 ) -> None:
     """A legend of colours for models and of line styles for levels."""
     handles = [
         Line2D([], [], color=palette[model], label=label(model), **style.line(model, "low"))
-        for model in counts
+        for model in shown_models
     ]
     handles += [
         Line2D([], [], color="black", label=label(level), **style.line("", level))
-        for level in shown
+        for level in shown_levels
     ]
-    figure = axes.get_figure(root=True)
-    assert figure is not None
+    if with_shifts:
+        handles.append(Line2D([], [], label="reference shift", **SHIFT_LINE))
     ncols = style.columns(handles)
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
 

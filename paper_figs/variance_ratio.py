@@ -74,7 +74,7 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
             axes.set_visible(False)
         _scales(panels[0, 0])
         figure.supylabel(
-            f"{label(environment)}: forecast variance / true variance",
+            f"{label(environment)}: forecast / true variance",
             size=mpl.rcParams["axes.labelsize"],
         )
         _legend(figure, scores)
