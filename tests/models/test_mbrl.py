@@ -1,14 +1,14 @@
 """The probabilistic MLPs against mbrl 0.2's `GaussianMLP`, with the same weights and batch.
 
-mbrl's loss differs by convention, not in what it says. With D components, M members, and
-n = (y − μ)² e^{−log σ²} + log σ² of each component,
+mbrl's loss has another normalisation. With D dimensions, M members, and
+n = (y − μ)² e^{−log σ²} + log σ² of each dimension,
 
     mbrl   Σ_m mean n               + 0.01 Σ_d (highest − lowest)     mean over batch and D; the
                                                                       members share their bounds
     ours   Σ_m [½ Σ_d (mean n + log 2π) + 0.01 Σ_d (highest − lowest)]
 
-so that ours is −log p itself. Without the bounds' term ours = D/2 · (mbrl + M log 2π), and so are
-the derivatives by the weights D/2 times mbrl's.
+so that ours is −log p. Without the term of the bounds ours = D/2 · (mbrl + M log 2π), and the
+gradients of the weights are D/2 times mbrl's.
 """
 
 import math
@@ -18,31 +18,30 @@ import pytest
 import torch
 from torch import Tensor
 
-from study.models.probabilistic_ensemble import ProbabilisticEnsemble
-from tests.helpers.models import ACTION, HORIZON, STATE, model
+from study.models.probabilistic_ensemble import ProbabilisticMlpEnsemble
+from tests.helpers.models import ACTION, HORIZON, MEMBERS, SMALL, STATE, model
 
 mbrl = pytest.importorskip(
     "mbrl.models",
-    reason="mbrl is not installed: `python -m tests.benchmarks.with_mbrl` does it for this test",
+    reason="mbrl is not installed; `python -m tests.benchmarks.with_mbrl` runs this test with it",
     exc_type=ImportError,
 )
-MEMBERS, HIDDEN, LAYERS = 3, 8, 2
+HIDDEN, LAYERS = SMALL.mlp.hidden_size, SMALL.mlp.layers
 
 
-def ours() -> ProbabilisticEnsemble:
-    made = model("probabilistic_ensemble")
-    assert isinstance(made, ProbabilisticEnsemble)
-    made.settings["mlp"]["likelihood"] = "plain"  # as mbrl's; the members share these settings
+def our_network() -> ProbabilisticMlpEnsemble:
+    network = model("probabilistic_ensemble", mlp={"loss": "nll"})
+    assert isinstance(network, ProbabilisticMlpEnsemble)
     torch.manual_seed(3)
     highest, lowest = torch.rand(STATE), -3.0 + torch.rand(STATE)
-    for member in made.each():
-        # Not where they begin: there they would bound nothing.
-        member.highest.data.copy_(highest)
-        member.lowest.data.copy_(lowest)
-    return made
+    for member in network.each_member():
+        # Not the initial values, with which no variance reaches a bound.
+        member.max_log_variance.data.copy_(highest)
+        member.min_log_variance.data.copy_(lowest)
+    return network
 
 
-def theirs(network: ProbabilisticEnsemble) -> Any:
+def their_network(network: ProbabilisticMlpEnsemble) -> Any:
     """mbrl's network with our weights."""
     peer = mbrl.GaussianMLP(
         STATE + ACTION,
@@ -54,21 +53,22 @@ def theirs(network: ProbabilisticEnsemble) -> Any:
         learn_logvar_bounds=True,
         activation_fn_cfg={"_target_": "torch.nn.SiLU"},
     )
-    for place, layer in enumerate(linear_of(peer)):
-        own = [member.network[2 * place] for member in network.each()]
-        layer.weight.data = torch.stack([each.weight.data.T for each in own])
-        layer.bias.data = torch.stack([each.bias.data[None] for each in own])
-    peer.max_logvar.data = network.each()[0].highest.data[None].clone()
-    peer.min_logvar.data = network.each()[0].lowest.data[None].clone()
+    for index, layer in enumerate(linear_layers(peer)):
+        stacked: list[Any] = [member.network[2 * index] for member in network.each_member()]
+        layer.weight.data = torch.stack([linear.weight.data.T for linear in stacked])
+        layer.bias.data = torch.stack([linear.bias.data[None] for linear in stacked])
+    first = network.each_member()[0]
+    peer.max_logvar.data = first.max_log_variance.data[None].clone()
+    peer.min_logvar.data = first.min_log_variance.data[None].clone()
     return peer
 
 
-def linear_of(peer: Any) -> list[Any]:
+def linear_layers(peer: Any) -> list[Any]:
     return [*(layer[0] for layer in peer.hidden_layers), peer.mean_and_logvar]
 
 
-def given(network: ProbabilisticEnsemble) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """A batch, and its transitions as mbrl wants them: inputs and changes [M, B·T, ·]."""
+def transitions(network: ProbabilisticMlpEnsemble) -> tuple[dict[str, Tensor], Tensor, Tensor]:
+    """A batch, and its transitions in the form of mbrl: inputs and changes [M, B·T, ·]."""
     torch.manual_seed(4)
     states = torch.randn(MEMBERS, 5, HORIZON + 1, STATE)
     actions = torch.randn(MEMBERS, 5, HORIZON, ACTION)
@@ -78,24 +78,24 @@ def given(network: ProbabilisticEnsemble) -> tuple[dict[str, Tensor], Tensor, Te
 
 
 def test_mean_and_variance() -> None:
-    network = ours()
-    _, inputs, _ = given(network)
-    mean, log_variance = theirs(network)(inputs, use_propagation=False)
+    network = our_network()
+    _, inputs, _ = transitions(network)
+    mean, log_variance = their_network(network)(inputs, use_propagation=False)
     bounded = 0
-    for index, member in enumerate(network.each()):
+    for index, member in enumerate(network.each_member()):
         state, action = inputs[index].split([STATE, ACTION], dim=-1)
-        own_mean, own_log_variance = member(state, action)
-        torch.testing.assert_close(own_mean, mean[index])
-        torch.testing.assert_close(own_log_variance, log_variance[index])
-        free = member.network(inputs[index])[..., STATE:]
-        bounded += int(((own_log_variance - free).abs() > 0.01).sum())
-    assert bounded  # the bounds were at work
+        our_mean, our_log_variance = member(state, action)
+        torch.testing.assert_close(our_mean, mean[index])
+        torch.testing.assert_close(our_log_variance, log_variance[index])
+        unbounded = member.network(inputs[index])[..., STATE:]
+        bounded += int(((our_log_variance - unbounded).abs() > 0.01).sum())
+    assert bounded
 
 
-def test_loss_and_derivatives() -> None:
-    network = ours()
-    peer = theirs(network)
-    batch, inputs, change = given(network)
+def test_loss_and_gradients() -> None:
+    network = our_network()
+    peer = their_network(network)
+    batch, inputs, change = transitions(network)
     found = network.losses(batch, 0)["loss"]
     expected, _ = peer.loss(inputs, change)
     bounds = 0.01 * (peer.max_logvar.sum() - peer.min_logvar.sum())
@@ -103,23 +103,26 @@ def test_loss_and_derivatives() -> None:
     torch.testing.assert_close(found, likelihood + MEMBERS * bounds)
     found.backward()
     expected.backward()
-    for place, layer in enumerate(linear_of(peer)):
-        own = [member.network[2 * place] for member in network.each()]
-        weight = torch.stack([each.weight.grad.T for each in own])
-        bias = torch.stack([each.bias.grad[None] for each in own])
+    for index, layer in enumerate(linear_layers(peer)):
+        stacked: list[Any] = [member.network[2 * index] for member in network.each_member()]
+        weight = torch.stack([linear.weight.grad.T for linear in stacked])
+        bias = torch.stack([linear.bias.grad[None] for linear in stacked])
         torch.testing.assert_close(weight, STATE / 2 * layer.weight.grad, rtol=1e-4, atol=1e-6)
         torch.testing.assert_close(bias, STATE / 2 * layer.bias.grad, rtol=1e-4, atol=1e-6)
-    # By the bounds: the likelihood's part as above, and 0.01 of each of ours against one of mbrl's.
-    for ours_, peers, sign in (("highest", peer.max_logvar, 1), ("lowest", peer.min_logvar, -1)):
-        total = torch.stack([getattr(member, ours_).grad for member in network.each()]).sum(0)
-        of_likelihood = STATE / 2 * (peers.grad[0] - sign * 0.01)
-        torch.testing.assert_close(total, of_likelihood + sign * 0.01 * MEMBERS)
+    # Of the bounds: the likelihood's part as above, and 0.01 for each member against 0.01 once.
+    bounds_of = (
+        ([m.max_log_variance.grad for m in network.each_member()], peer.max_logvar.grad[0], 0.01),
+        ([m.min_log_variance.grad for m in network.each_member()], peer.min_logvar.grad[0], -0.01),
+    )
+    for gradients, theirs, weight in bounds_of:
+        expected = STATE / 2 * (theirs - weight) + weight * MEMBERS
+        torch.testing.assert_close(sum(gradients), expected)
 
 
 def test_ts_infinity() -> None:
-    """mbrl's `fixed_model` gives each row to one member; without noise its mean is the step."""
-    network = ours()
-    peer = theirs(network)
+    """mbrl's `fixed_model` assigns each row to one member; without noise its mean is the step."""
+    network = our_network()
+    peer = their_network(network)
     peer.propagation_method = "fixed_model"
     rows = 4 * MEMBERS
     torch.manual_seed(5)

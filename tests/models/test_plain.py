@@ -1,13 +1,13 @@
-"""What the benchmarks compare with, the models in `torch.nn`, computes the same."""
+"""The models in `torch.nn`, with which the benchmarks compare, compute the same."""
 
 import pytest
 import torch
 from torch import Tensor
 
 from study.models import Model
-from study.models.vae import Vae
+from study.models.vae import VaeModel
 from tests.benchmarks.plain import plain
-from tests.helpers.models import ACTION, HORIZON, STATE, model
+from tests.helpers.models import ACTION, HORIZON, STATE, batch, model
 
 
 def sampled(network: Model) -> Tensor:
@@ -20,22 +20,25 @@ def sampled(network: Model) -> Tensor:
         return network.sample(s0, actions, noise, member)
 
 
+def heteroscedastic(name: str) -> Model:
+    """A model whose decoder is not teacher forced, and whose variance depends on the state."""
+    network = model(name, vae={"teacher_forcing": "never"})
+    if isinstance(network, VaeModel):
+        network.cvae.decoder.log_std.weight.data.normal_()
+    return network
+
+
 @pytest.mark.parametrize("name", ["ensemble", "residual_vae", "full_vae"])
 def test_forecasts(name: str) -> None:
-    network = model(name, feeding="free")
-    if isinstance(network, Vae):
-        network.cvae.decode.width.weight.data.normal_()
+    network = heteroscedastic(name)
     torch.testing.assert_close(sampled(plain(network)), sampled(network), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["residual_vae", "full_vae"])
 def test_losses(name: str) -> None:
-    network = model(name, feeding="free")
-    assert isinstance(network, Vae)
-    network.cvae.decode.width.weight.data.normal_()
-    batch = {"states": torch.randn(6, HORIZON + 1, STATE), "actions": torch.randn(6, HORIZON, 2)}
-    found = []
-    for each in (network, plain(network)):
+    network, data = heteroscedastic(name), batch()
+    losses = []
+    for variant in (network, plain(network)):
         torch.manual_seed(1)
-        found.append(each.losses(batch, 0)["loss"])
-    torch.testing.assert_close(found[1], found[0], rtol=1e-4, atol=1e-4)
+        losses.append(variant.losses(data, 0)["loss"])
+    torch.testing.assert_close(losses[1], losses[0], rtol=1e-4, atol=1e-4)

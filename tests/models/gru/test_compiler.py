@@ -1,4 +1,4 @@
-"""C source to a shared library."""
+"""C sources are compiled once, and errors are reported."""
 
 import ctypes
 import os
@@ -28,16 +28,16 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_it_is_compiled_once(source: Path, found: str, tmp_path: Path) -> None:
+def test_a_source_is_compiled_once(source: Path, found: str, tmp_path: Path) -> None:
     path = compiler.build(source, found)
     assert ctypes.CDLL(str(path)).seven() == 7
     assert list((tmp_path / "cache" / "study").iterdir()) == [path]
-    before = path.stat().st_mtime_ns
+    modified = path.stat().st_mtime_ns
     assert compiler.build(source, found) == path
-    assert path.stat().st_mtime_ns == before
+    assert path.stat().st_mtime_ns == modified
 
 
-def test_another_source_is_another_library(source: Path, found: str) -> None:
+def test_another_source_gives_another_library(source: Path, found: str) -> None:
     first = compiler.build(source, found)
     source.write_text(SOURCE.replace("7", "8"))
     second = compiler.build(source, found)
@@ -45,14 +45,16 @@ def test_another_source_is_another_library(source: Path, found: str) -> None:
     assert ctypes.CDLL(str(second)).seven() == 8
 
 
-def test_a_cache_that_cannot_be_written(source: Path, found: str, tmp_path: Path) -> None:
-    (tmp_path / "cache").write_text("a file where a folder should be")
+def test_without_a_writable_cache_the_library_is_temporary(
+    source: Path, found: str, tmp_path: Path
+) -> None:
+    (tmp_path / "cache").write_text("a file in place of the folder")
     path = compiler.build(source, found)
     assert tmp_path not in path.parents
     assert ctypes.CDLL(str(path)).seven() == 7
 
 
-def test_a_source_that_is_wrong(source: Path, found: str, tmp_path: Path) -> None:
+def test_an_error_in_the_source_is_reported(source: Path, found: str, tmp_path: Path) -> None:
     source.write_text("int seven(void) { return }\n")
     with pytest.raises(OSError, match=r"failed: .*seven") as error:
         compiler.build(source, found)
@@ -60,6 +62,6 @@ def test_a_source_that_is_wrong(source: Path, found: str, tmp_path: Path) -> Non
     assert list((tmp_path / "cache" / "study").iterdir()) == []
 
 
-def test_it_can_be_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiling_can_be_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(compiler.SWITCH, "0")
     assert compiler.find() is None
