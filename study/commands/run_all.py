@@ -61,7 +61,9 @@ def run(options: Options) -> int:
             checksums.write(out)
         if not due:
             news = (
-                "no stage to run, results written again" if changed else "everything is up to date"
+                "no stage to run, results written again"
+                if changed
+                else "everything is up to date, nothing to run"
             )
             say(terminal, f"{out}: {news}")
         print_table(terminal, config, records, store, errors, out)

@@ -72,7 +72,7 @@ def find_recording(options: Options) -> Path:
     known = known_cells(options)
     environments = list(dict.fromkeys(cell.environment for cell in known))
     if name == WHOLE_STUDY:
-        path = recordings / "study.rrd"
+        path = options.out / folder.STUDY_RECORDING
     elif name in environments:
         path = recordings / name / "data.rrd"
     else:

@@ -18,6 +18,7 @@ from study.config.validation import check
 FORMAT = 1
 """Version of the layout of a results folder. Other versions are neither read nor overwritten."""
 STUDY = "study.json"
+STUDY_RECORDING = Path("recordings") / "study.rrd"
 RUN_AGAIN = "python -m study.run all writes it again"
 
 

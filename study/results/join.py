@@ -17,7 +17,15 @@ from study.common.files import copy, read_json
 from study.config.grid import Cell, cells
 from study.config.settings import Config
 from study.results import checksums, summary, timings
-from study.results.folder import STUDY, Results, check_writable, create, read, settings_of
+from study.results.folder import (
+    STUDY,
+    STUDY_RECORDING,
+    Results,
+    check_writable,
+    create,
+    read,
+    settings_of,
+)
 from study.results.publish import CELL_FOLDERS
 
 
@@ -86,7 +94,7 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
     complete = {cell for part in parts for cell in part.complete}
     failed = {name for part in parts for name in read_json(part.out / STUDY)["failed"]}
     for part in parts:
-        of_study = part.out / summary.RECORDING
+        of_study = part.out / STUDY_RECORDING
         for folder in CELL_FOLDERS:
             for path in sorted((part.out / folder).rglob("*")):
                 if path.is_file() and not path.name.startswith(of_study.name):

@@ -12,14 +12,16 @@ from study.common.files import copy, digest, read_json, same_bytes, write_json
 from study.config.grid import Cell, among
 from study.config.settings import Config
 from study.recording.integrity import checksum_path
-from study.results import checksums, summary
-from study.results.folder import FORMAT, settings_of
+from study.results import checksums
+from study.results.folder import FORMAT, STUDY_RECORDING, settings_of
 from study.workflow.store import Store
 from study.workflow.task import Task
 
 Records = Mapping[Cell, Task]
 """The last task of every cell of the grid."""
 
+SUMMARY_VERSION = 5
+"""Raise it whenever the code changes what the summary holds. It is then written again."""
 CELL_FOLDERS = ("recordings", "weights", "illustrations")
 """Folders with files of single cells, and the recording of the whole study."""
 
@@ -36,6 +38,8 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
     Returns:
         whether anything was written.
     """
+    from study.results import summary
+
     complete = {cell: task for cell, task in records.items() if store.why_not(task) is None}
     if not complete:
         return False
@@ -83,7 +87,7 @@ def _failed(records: Records, store: Store) -> list[str]:
 def _inputs(config: Config, complete: Records, failed: list[str]) -> str:
     """Hash of all that the summary depends on."""
     cells = {cell.name: task.key for cell, task in complete.items()}
-    return digest([FORMAT, summary.VERSION, __version__, settings_of(config), cells, failed])
+    return digest([FORMAT, SUMMARY_VERSION, __version__, settings_of(config), cells, failed])
 
 
 def _inputs_path(out: Path) -> Path:
@@ -126,7 +130,7 @@ def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> d
 
 def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     """Remove the files of cells that are no longer part of the results."""
-    recording = out / summary.RECORDING
+    recording = out / STUDY_RECORDING
     expected = {*files, recording, checksum_path(recording)}
     others = [
         path

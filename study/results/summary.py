@@ -22,15 +22,12 @@ from study.common.files import read_json, replacing, write_json, write_text
 from study.common.provenance import made_with, versions
 from study.config.grid import Cell
 from study.config.settings import Config
-from study.results.folder import FORMAT, STUDY, settings_of
+from study.results.folder import FORMAT, STUDY, STUDY_RECORDING, settings_of
 from study.workflow.store import Store
 from study.workflow.task import Task
 
-VERSION = 5
-"""Raise it whenever the code changes what these files hold. They are then written again."""
 SCORES, TRIALS = "scores.parquet", "trials.parquet"
 CLAIMS, VERDICTS = "claims.json", "claims.md"
-RECORDING = Path("recordings") / "study.rrd"
 DOCUMENTS = {
     "Brier scores": "tables/brier_*.md",
     "Claims": VERDICTS,
@@ -174,4 +171,4 @@ def _record(summary: Summary, out: Path) -> None:
         for title, pattern in DOCUMENTS.items()
     }
     texts = {title: "\n\n".join(parts) for title, parts in documents.items() if parts}
-    record_study(out / RECORDING, summary.scores, texts, properties)
+    record_study(out / STUDY_RECORDING, summary.scores, texts, properties)
