@@ -1,7 +1,7 @@
 """The colours of figures and recordings: one colour for one thing, everywhere.
 
-The colours are those of Okabe and Ito (2008) and of Paul Tol. People with any colour vision can tell
-them apart.
+The colours are those of Okabe and Ito (2008) and of Paul Tol. People with any colour vision can
+tell them apart.
 """
 
 from collections.abc import Iterable

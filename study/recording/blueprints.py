@@ -13,6 +13,9 @@ from study.recording.variance_split import TITLE as POSITION_STD
 FOLLOW = "follow"
 """The entity, below the root of a trajectory, of a frame that moves along with it."""
 
+LEGEND = "/legend"
+"""The entity of the legend of a whole study."""
+
 Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
 """Title, entity and y axis of a plot; None leaves the axis to the viewer."""
@@ -212,7 +215,8 @@ def _score_plot(name: str, entities: Sequence[str]) -> rrb.View:
     contents = [f"{entity}/**" for entity in entities]
     span = (0.0, 4.0) if "ratio" in name else None
     # A single curve needs no legend, and a long legend covers the plot: hovering names a curve.
-    legend = rrb.Corner2D.RightTop if 2 < len(entities) <= 8 else None
+    dimensions = [e for e in entities if not e.endswith(("/all", "/reference"))]
+    legend = rrb.Corner2D.RightTop if 2 <= len(dimensions) <= 7 else None
     return plot(name, contents, span=span, legend=legend)
 
 
@@ -303,7 +307,8 @@ def study(
         )
     panels = rrb.Tabs(*(readme(entity, title) for title, entity in texts.items()))
     right = rrb.Vertical(rrb.Horizontal(*plots), panels, row_shares=[3, 2])
-    return blueprint("horizon", rrb.Horizontal(readme(), right, column_shares=[1, 3]))
+    left = rrb.Vertical(readme(), readme(LEGEND, "Legend"), row_shares=[3, 2])
+    return blueprint("horizon", rrb.Horizontal(left, right, column_shares=[1, 3]))
 
 
 def _time_axis(first: int, last: int) -> rrb.TimeAxis:

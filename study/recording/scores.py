@@ -27,6 +27,9 @@ _TITLES = {
     "epistemic_share": "epistemic share",
     "forecast_probability": "forecast probability",
     "observed_probability": "observed frequency",
+    "coverage_50": "coverage of 50 % intervals",
+    "coverage_80": "coverage of 80 % intervals",
+    "coverage_90": "coverage of 90 % intervals",
 }
 # Metrics that are recorded over the horizon, and those by scenario; the table of scores has more.
 _STEPWISE = ("mmd2", "mmd2_joint", "crps", "variance_ratio", "aleatoric_ratio")
@@ -121,6 +124,11 @@ def reliability(forecast: Doubles, observed: Doubles, bins: int = _BINS) -> tupl
     return probability, frequency
 
 
+def _title(metric: str) -> str:
+    """The name of a metric in text."""
+    return _TITLES.get(metric, metric.replace("_", " "))
+
+
 def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
     """The entities of each view, by its title, by its page."""
     pages: dict[str, dict[str, list[str]]] = {}
@@ -130,7 +138,7 @@ def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
             overview = pages.setdefault(_OVERVIEW, {})
             overview.setdefault("Coverage of central intervals", []).extend(entities)
             continue
-        title = _TITLES.get(str(metric), str(metric).replace("_", " "))
+        title = _title(str(metric))
         folder = entity_path(str(metric))
         dimensions = [d for d in rows["dimension"].unique() if d != "all"]
         if "all" in set(rows["dimension"]):
@@ -152,7 +160,7 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
         entity = entity_path(metric, str(dimension))
         send_scalars(stream, entity, TIMELINE, ordered["step"], finite(ordered["value"].to_numpy()))
         if dimension == "all":
-            style_lines(stream, entity, [metric], [FORECAST], 3.0)
+            style_lines(stream, entity, [_title(metric)], [FORECAST], 3.0)
         else:
             style_lines(stream, entity, [str(dimension)], [series(dimensions)])
             dimensions += 1
@@ -187,7 +195,7 @@ def _overall_table(overall: pd.DataFrame) -> str:
         return ""
     whole = overall["dimension"] == "all"
     rows = [
-        (_TITLES.get(m, m.replace("_", " ")), f"**{v:.4g}**")
+        (_title(m), f"**{v:.4g}**")
         for m, v in overall.loc[whole, ["metric", "value"]].itertuples(index=False)
     ]
     text = f"\n## Overall\n\n{table(('metric', 'value'), rows)}\n" if rows else ""
@@ -206,7 +214,7 @@ def _table_by(title: str, rows: pd.DataFrame) -> str:
         (str(dimension), *(f"{value:.4g}" for value in values))
         for dimension, values in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    header = (title, *(_TITLES.get(m, m.replace("_", " ")) for m in wide.columns))
+    header = (title, *(_title(str(m)) for m in wide.columns))
     return f"\n## By {title}\n\n{table(header, cells)}\n"
 
 

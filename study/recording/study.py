@@ -40,12 +40,16 @@ dimensions of the state. MMD², the maximum mean discrepancy, compares forecast 
 after the same actions. Lower is better: it is 0 if both have the same distribution. An estimate can
 fall below 0 by chance.
 
-- **Thick** lines: level low, models trained on all data.
-- **Thin and faint** lines: level high, models trained on a part of the data.
+The panel *Legend* names the colours. Some lines are no models of the paper:
+
 - *Oracle*: forecasts by the simulator itself. No model can be better.
 - *Ensemble alone*: the recurrent networks without a model of the noise.
 - *Shift of 0.1, 0.3 and 1 sd*, for scale: the MMD² of correct forecasts, shifted by that many
   standard deviations of the observed states.
+"""
+_LINES = """
+Thick: level low, trained on all data. Thin: level high, on a part of the data. Thin and grey: the
+MMD² of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
 """
 _BELOW = """
 Below the plots: {titles}. *Cells* names the recordings of each cell.
@@ -104,7 +108,8 @@ def record_study(
     design = blueprints.study(_plots(cells), horizons, _span(curves), panels)
     with recording(path, KIND, properties, design) as stream:
         below = _BELOW.format(titles=", ".join(f"*{title}*" for title in texts))
-        write_readme(stream, _README + _colours_text(cells) + below, properties)
+        write_readme(stream, _README + below, properties)
+        write_markdown(stream, blueprints.LEGEND, _legend_text(cells))
         for title, text in texts.items():
             # The Markdown of the viewer does not support HTML.
             write_markdown(stream, panels[title], text.replace("<br>", " · "))
@@ -132,7 +137,7 @@ def _log_curves(
         line, colour = line_of(cell.model, cell.level), colours[cell.model]
         if line.dashed:
             colour = faint(colour, _DASHED)
-        style_lines(stream, entity, [_legend(cell, seeds)], [colour], _SCALE * line.width)
+        style_lines(stream, entity, [_curve_name(cell, seeds)], [colour], _SCALE * line.width)
 
 
 def _log_shifts(stream: rr.RecordingStream, curves: pd.DataFrame) -> None:
@@ -196,7 +201,7 @@ def _span(curves: pd.DataFrame) -> tuple[float, float]:
     return -0.05 * top, 1.05 * top
 
 
-def _legend(cell: _Cell, seeds: bool) -> str:
+def _curve_name(cell: _Cell, seeds: bool) -> str:
     """The name of a cell's curve in the legend."""
     words = [label(cell.model), *([] if cell.model == ORACLE else [cell.level])]
     return ", ".join([*words, f"seed {cell.seed}"] if seeds else words)
@@ -212,11 +217,12 @@ def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
     return ordered.set_axis([cell.name for cell in cells])
 
 
-def _colours_text(cells: Iterable[_Cell]) -> str:
-    """The colour of each model, in words."""
-    names = model_colour_names(models := dict.fromkeys(cell.model for cell in cells))
-    listed = ", ".join(f"{names[model]} *{label(model)}*" for model in models)
-    return f"\nColours: {listed}.\n"
+def _legend_text(cells: Iterable[_Cell]) -> str:
+    """The colour of each model, in words, and the meaning of the lines."""
+    models = list(dict.fromkeys(cell.model for cell in cells))
+    names = model_colour_names(models)
+    listed = "\n".join(f"- {names[model]}: **{label(model)}**" for model in models)
+    return f"{listed}\n{_LINES}"
 
 
 def _cells_text(overall: pd.DataFrame, folder: Path) -> str:

@@ -1,10 +1,12 @@
 """Data to record: a puck that forces push over a table, its forecasts, a search, and scores."""
 
+import os
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 import pandas as pd
+import pytest
 
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds, spawn
@@ -12,6 +14,7 @@ from study.envs import Episode, Policy, Scenarios, Simulator, Variable
 from study.envs.noise import Noise
 from study.recording.examples import Example
 from study.recording.tuning import Trial
+from study.recording.viewer import has_driver
 
 SCENE = """
 <mujoco>
@@ -192,6 +195,13 @@ def study_scores(seeds: int = 1) -> pd.DataFrame:
                     cell = {"environment": environment, "level": level, "model": model}
                     tables.append(table.assign(**cell, seed=seed))
     return pd.concat(tables, ignore_index=True)
+
+
+def require_driver() -> None:
+    """Skip a test where the viewer cannot draw; in continuous integration, fail it."""
+    if not has_driver():
+        reason = "no Vulkan driver (apt-get install mesa-vulkan-drivers)"
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
 
 
 TEXTS = {

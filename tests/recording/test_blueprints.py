@@ -1,4 +1,4 @@
-"""How views are laid out: none is missing, none is empty, and no place is."""
+"""The layout of views: all of them, once, and no empty cell of a grid."""
 
 import pytest
 import rerun.blueprint as rrb
@@ -14,18 +14,18 @@ def views(node: rrb.Container | rrb.View) -> list[rrb.View]:
 
 
 @pytest.mark.parametrize("count", range(1, 8))
-def test_a_grid_has_no_empty_place(count: int) -> None:
+def test_a_grid_has_no_empty_cell(count: int) -> None:
     plots = [blueprints.plot(str(number), ["/a"]) for number in range(count)]
     laid_out = blueprints.grid(plots, 2, "page")
     assert laid_out.name == "page"
     assert views(laid_out) == plots
     grids = [laid_out, *laid_out.contents]
-    for grid in (each for each in grids if isinstance(each, rrb.Grid)):
+    for grid in (node for node in grids if isinstance(node, rrb.Grid)):
         assert grid.grid_columns in (1, 2)
         assert len(list(grid.contents)) % grid.grid_columns == 0
 
 
-def test_metrics_of_training_stand_by_what_they_are_and_epochs_nowhere() -> None:
+def test_training_has_a_view_for_each_kind_of_metric_and_none_for_epochs() -> None:
     metrics = ["epoch", "loss", "loss/kl", "validation/member_0", "validation_score", "speed"]
     root = blueprints.training(metrics).root_container
     shown = {str(view.name): view for view in views(root) if isinstance(view, rrb.TimeSeriesView)}

@@ -1,4 +1,4 @@
-"""Recordings read back, as anyone would."""
+"""Recordings are read back as data frames."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_one_reading_gives_what_many_give(scores: Path) -> None:
+def test_reading_all_entities_equals_reading_each(scores: Path) -> None:
     below = reading.scalars_below(scores, "overall")
     assert list(below) == [e for e in reading.entities(scores) if e.startswith("/overall/")]
     for entity, frame in below.items():
@@ -28,12 +28,14 @@ def test_one_reading_gives_what_many_give(scores: Path) -> None:
     assert sorted(read) == sorted(overall["value"])
 
 
-def test_nothing_below_is_no_error(scores: Path) -> None:
+def test_an_entity_with_nothing_below_it_is_empty(scores: Path) -> None:
     assert reading.scalars_below(scores, "/nowhere") == {}
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no recording", b"RRF2 but no more"])
-def test_what_is_no_recording_is_named_in_one_line(tmp_path: Path, content: bytes | None) -> None:
+def test_a_file_that_is_not_a_recording_is_named_in_one_line(
+    tmp_path: Path, content: bytes | None
+) -> None:
     path = tmp_path / "scores.rrd"
     if content is not None:
         path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""The recording of a whole study: the same numbers as in the scores of its cells."""
+"""``study.rrd`` holds the same numbers as the scores of its cells."""
 
 from pathlib import Path
 
@@ -8,8 +8,6 @@ import pytest
 from rerun.chunk import RrdReader
 
 from study.config.grid import Cell
-from study.plotting import style
-from study.plotting.palette import MODELS
 from study.recording import reading
 from study.recording.integrity import check
 from study.recording.study import record_study
@@ -51,15 +49,16 @@ def same_numbers(path: Path, table: pd.DataFrame) -> None:
     curves = reading.scalars_below(path, "/mmd2")
     assert set(curves) == {f"/mmd2/{cell.name}" for cell in _cells(table)}
     for cell in _cells(table):
-        own = whole.loc[[(cell.environment, cell.level, cell.model, cell.seed)]]
-        rows = own[(own["metric"] == "mmd2") & (own["step"] > 0)].sort_values("step")
+        of_cell = whole.loc[[(cell.environment, cell.level, cell.model, cell.seed)]]
+        rows = of_cell[(of_cell["metric"] == "mmd2") & (of_cell["step"] > 0)].sort_values("step")
         curve = curves[f"/mmd2/{cell.name}"]
         assert curve.index.name == "horizon"
         assert list(curve.index) == list(rows["step"])
         assert list(curve["value"]) == list(rows["value"])
         for metric in ("mmd2", "brier", "variance_ratio"):
-            expected = own[(own["metric"] == metric) & (own["step"] == -1)]["value"].item()
-            assert reading.scalars(path, f"/overall/{metric}")[cell.name].item() == expected
+            rows = of_cell[(of_cell["metric"] == metric) & (of_cell["step"] == -1)]
+            overall = reading.scalars(path, f"/overall/{metric}")[cell.name]
+            assert overall.item() == rows["value"].item()
 
 
 def test_the_same_numbers_as_in_the_scores(path: Path) -> None:
@@ -67,33 +66,34 @@ def test_the_same_numbers_as_in_the_scores(path: Path) -> None:
     check(path)
 
 
-def test_the_ruler_comes_with_the_oracle(path: Path) -> None:
+def test_the_mmd2_of_shifted_forecasts_is_recorded(path: Path) -> None:
     table = recordings.study_scores()
-    own = (table["environment"] == "sledge") & (table["metric"] == "mmd2_shift_1")
-    mean = table[own & (table["step"] > 0)].groupby("step")["value"].mean()
-    ruler = reading.scalars(path, "/ruler/sledge/mmd2_shift_1")["value"]
-    np.testing.assert_allclose(ruler, mean)
+    shifted = (table["environment"] == "sledge") & (table["metric"] == "mmd2_shift_1")
+    mean = table[shifted & (table["step"] > 0)].groupby("step")["value"].mean()
+    recorded = reading.scalars(path, "/reference_shift/sledge/mmd2_shift_1")["value"]
+    np.testing.assert_allclose(recorded, mean)
 
 
-def test_properties_come_back(path: Path) -> None:
+def test_properties_are_read_back(path: Path) -> None:
     assert reading.properties(path) == PROPERTIES
 
 
-def test_cells_recordings_are_linked_by_name(path: Path) -> None:
+def test_recordings_of_cells_are_listed(path: Path) -> None:
     text = document(path, "/text/Cells")
     (row,) = [line for line in text.splitlines() if "puck/low/full_vae/seed-0" in line]
     assert row.endswith("| forecast, tuning |")
     assert sum(line.endswith("| none |") for line in text.splitlines()) == 15
 
 
-def test_texts_are_what_was_given_without_html(path: Path) -> None:
+def test_texts_are_recorded_without_html(path: Path) -> None:
     assert document(path, "/text/Claims") == recordings.TEXTS["Claims"]
     assert "| low | **0.2** · paper 0.3 |" in document(path, r"/text/Brier\ scores")
 
 
-def test_colours_are_those_of_the_figures() -> None:
-    for model, colour in style.COLOURS.items():
-        assert MODELS[model] == (*bytes.fromhex(colour[1:]), 255)
+def test_the_legend_names_the_colour_of_each_model(path: Path) -> None:
+    lines = document(path, "/legend").splitlines()
+    for colour, model in (("blue", "residual VAE"), ("teal", "drift"), ("grey", "oracle")):
+        assert f"- {colour}: **{model}**" in lines
 
 
 def test_several_seeds_and_values_that_are_not_finite(tmp_path: Path) -> None:

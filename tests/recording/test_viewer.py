@@ -1,4 +1,4 @@
-"""Every kind of recording, opened in the real viewer, with no screen."""
+"""Every kind of recording in the real viewer, without a screen: no view is empty."""
 
 import os
 from collections.abc import Callable
@@ -11,8 +11,9 @@ import pytest
 from study.common.errors import StudyError
 from study.recording import blueprints, viewer
 from study.recording.data import record_data
-from study.recording.forecasts import record_forecast
+from study.recording.forecast import record_forecast
 from study.recording.scores import record_scores
+from study.recording.screenshots import screenshots
 from study.recording.streams import recording
 from study.recording.study import record_study
 from study.recording.training import RerunLogger
@@ -68,39 +69,37 @@ KINDS: dict[str, Callable[[Path], None]] = {
 }
 
 
-def _need_driver() -> None:
-    """Skip where nothing can be drawn; in continuous integration that is a failure."""
-    if not viewer.has_driver():
-        reason = "no Vulkan driver (apt-get install mesa-vulkan-drivers)"
-        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
-
-
+@pytest.mark.viewer
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
-    _need_driver()
+    recordings.require_driver()
     path = tmp_path / f"{kind}.rrd"
     KINDS[kind](path)
-    shown = viewer.screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
+    shown = screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
     documents = {"README", "About this scenario", "About this trajectory", "Hyperparameters"}
-    documents |= {"Cells", *recordings.TEXTS}
+    documents |= {"Cells", "Legend", *recordings.TEXTS}
     for name, image in shown.views.items():
         share = lettered(image) if name.split(" (")[0] in documents else coloured(image)
         assert share > LEAST_COLOURED, f"{name} is blank: {share:.1e}"
 
 
+@pytest.mark.viewer
 def test_an_empty_view_counts_as_blank(tmp_path: Path) -> None:
-    _need_driver()
+    recordings.require_driver()
     path = tmp_path / "empty.rrd"
     with recording(path, "training", {}, blueprints.training(["loss"])):
         pass
-    shown = viewer.screenshots(path, tmp_path / "png")
+    shown = screenshots(path, tmp_path / "png")
     assert coloured(shown.views["Loss"]) < LEAST_COLOURED
     assert lettered(shown.views["README"]) < LEAST_COLOURED
 
 
-def test_no_driver_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_driver_is_named_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     record_tuning(tmp_path / "t.rrd", recordings.trials(), {})
     monkeypatch.setattr(viewer, "has_driver", lambda: False)
     with pytest.raises(StudyError, match=r"^no Vulkan driver.*mesa-vulkan-drivers\)$"):
-        viewer.screenshots(tmp_path / "t.rrd", tmp_path)
+        screenshots(tmp_path / "t.rrd", tmp_path)
