@@ -48,8 +48,8 @@ The panel *Legend* names the colours. Some lines are no models of the paper:
   standard deviations of the observed states.
 """
 _LINES = """
-Thick: level low, trained on all data. Thin: level high, on a part of the data. Thin and grey: the
-MMD² of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
+Thick: level low, trained on all data. Thin: level high, on a part of the data. Faint grey: the MMD²
+of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
 """
 _BELOW = """
 Below the plots: {titles}. *Cells* names the recordings of each cell.
