@@ -4,7 +4,7 @@ VENV ?= .venv
 CONFIG ?= configs/quick.yaml
 RUN := $(VENV)/bin/python
 
-.PHONY: study test quicktest lint figures pages benchmarks clean
+.PHONY: study test quicktest lint figures pictures pages benchmarks clean
 
 study: $(VENV)/.study
 	$(RUN) -m study.run all --config $(CONFIG)
@@ -24,6 +24,10 @@ lint: $(VENV)/.test
 
 figures: $(VENV)/.study
 	$(RUN) -m study.run figures --config $(CONFIG)
+
+# The pictures of recordings on the pages, from the committed results.
+pictures: $(VENV)/.study
+	$(RUN) -m study.recording.pictures --results results/paper
 
 # The tables in the README files, from the committed numbers.
 pages: $(VENV)/.study
