@@ -1,15 +1,11 @@
-"""Recordings are complete or absent: written under a temporary name, moved with their checksum."""
+"""Recordings are complete or absent, and each has its SHA-256 in a file beside it."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
 
 from study.common.errors import StudyError
-from study.common.files import sha256
-
-_HINT = "restore it, or make it again: python -m study.run all"
+from study.common.files import read_checksums, replacing, sha256, write_checksums
 
 
 def checksum_path(path: Path) -> Path:
@@ -17,37 +13,16 @@ def checksum_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.sha256")
 
 
-def temporary_path(path: Path) -> Path:
-    """A hidden, unique name in the same folder, so that two writers never share a file."""
-    return path.with_name(f".{path.name}.{uuid4().hex[:12]}")
-
-
-def complete(temporary: Path, path: Path) -> None:
-    """Move a finished recording to `path`, with its checksum in the form of `sha256sum`.
-
-    A process that is killed between the two moves leaves the new recording with the old checksum.
-    `check` then reports damage, and the study makes the recording again.
-    """
-    checksum = checksum_path(temporary)
-    checksum.write_text(f"{sha256(temporary)}  {path.name}\n", encoding="utf-8")
-    for file in (temporary, checksum):
-        with file.open("rb") as opened:
-            os.fsync(opened.fileno())
-    os.replace(temporary, path)
-    os.replace(checksum, checksum_path(path))
-
-
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path to write to: it becomes `path` on success, and is removed on failure."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_path(path)
-    try:
+def writing(path: Path) -> Iterator[Path]:
+    """A temporary path to write to: it becomes the recording `path`, with its checksum.
+
+    If the block raises, the old recording stays. A process that is killed before the checksum is
+    written leaves a recording that `check` reports as damaged, so that the study makes it again.
+    """
+    with replacing(path, sync=True) as temporary:
         yield temporary
-        complete(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-        checksum_path(temporary).unlink(missing_ok=True)
+    write_checksums(checksum_path(path), {path.name: sha256(path)})
 
 
 def read_checksum(path: Path) -> str:
@@ -58,12 +33,12 @@ def read_checksum(path: Path) -> str:
     """
     checksum = checksum_path(path)
     try:
-        return checksum.read_text(encoding="utf-8").split()[0]
+        return read_checksums(checksum)[path.name]
     except FileNotFoundError:
         problem = "missing"
-    except (IndexError, UnicodeDecodeError):
+    except (ValueError, KeyError):
         problem = "damaged"
-    raise StudyError(f"recording {path} has no checksum: {checksum.name} is {problem}; {_HINT}")
+    raise StudyError(f"recording {path} has no checksum: {checksum.name} is {problem}")
 
 
 def check(path: Path) -> None:
@@ -74,12 +49,10 @@ def check(path: Path) -> None:
     """
     path = Path(path)
     if not path.is_file():
-        raise StudyError(f"recording {path} is missing; {_HINT}")
+        raise StudyError(f"recording {path} is missing")
     if path.stat().st_size == 0:
-        raise StudyError(f"recording {path} is empty; {_HINT}")
-    expected = read_checksum(path)
-    if sha256(path) != expected:
+        raise StudyError(f"recording {path} is empty")
+    if sha256(path) != read_checksum(path):
         raise StudyError(
-            f"recording {path} is damaged: its bytes do not match {checksum_path(path).name}; "
-            f"{_HINT}"
+            f"recording {path} is damaged: its bytes do not match {checksum_path(path).name}"
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from study.common.arrays import Array, Doubles
 from study.plotting.palette import Colour
-from study.recording.integrity import replacing
+from study.recording.integrity import writing
 from study.recording.properties import Properties, write_properties
 
 
@@ -66,7 +66,7 @@ def recording(
     footer: bool = True,
 ) -> Iterator[rr.RecordingStream]:
     """Write the recording `path`: it appears, with its checksum, when the block has succeeded."""
-    with replacing(Path(path)) as temporary:
+    with writing(Path(path)) as temporary:
         stream = open_stream(temporary, application_id(kind, properties), footer)
         try:
             stream.send_blueprint(blueprint)

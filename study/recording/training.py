@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import rerun as rr
 from lightning.fabric.utilities.logger import _convert_params, _flatten_dict
@@ -15,7 +16,7 @@ from lightning.pytorch.utilities import rank_zero_only
 
 from study.plotting.palette import series
 from study.recording import blueprints
-from study.recording.integrity import complete, temporary_path
+from study.recording.integrity import writing
 from study.recording.properties import (
     Properties,
     table,
@@ -113,7 +114,8 @@ class RerunLogger(Logger):
             raise ValueError(f"the recording {self.path} is closed: log to a new RerunLogger")
         if self._stream is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._temporary = temporary_path(self.path)
+            # Unique, since a copy of the logger has the same path.
+            self._temporary = self.path.with_name(f".{self.path.name}.{uuid4().hex[:12]}")
             self._stream = open_stream(self._temporary, self.application_id)
             write_properties(self._stream, self.recording_name, self.properties)
             write_readme(self._stream, _README, self.properties)
@@ -175,7 +177,8 @@ class RerunLogger(Logger):
         stream.disconnect()
         self._closed = True
         if self._temporary is not None:
-            complete(self._temporary, self.path)
+            with writing(self.path) as temporary:
+                self._temporary.replace(temporary)
 
     def _write(self, name: str) -> None:
         pending = self._pending[name]

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from study.common.errors import StudyError
-from study.recording.integrity import check, replacing
+from study.recording.integrity import check, writing
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     path = tmp_path / "a.rrd"
-    with replacing(path) as temporary:
+    with writing(path) as temporary:
         temporary.write_bytes(b"recorded")
     return path
 
@@ -52,7 +52,7 @@ def test_damage_is_found_and_named(path: Path, damage: str, message: str) -> Non
 
 def test_a_failed_write_leaves_the_old_file(path: Path) -> None:
     def fail() -> None:
-        with replacing(path) as temporary:
+        with writing(path) as temporary:
             temporary.write_bytes(b"half of the n")
             raise RuntimeError
 
