@@ -39,7 +39,7 @@ class Pusher(Simulator):
 
     The arm moves above a square table. At its end a vertical peg hangs down to the table. Only the
     peg can touch the ball: the links pass above the ball. The contact is frictionless and slightly
-    elastic. Momentum passes both ways, since the arm and the ball have similar masses.
+    elastic. The ball also pushes the arm, since the arm and the ball have similar masses.
 
     The ball rolls without slipping, so its inertia is 7/5 of its mass, and viscous damping slows
     it. Soft cushions at the edge of the table push the ball back.
@@ -68,33 +68,33 @@ class Pusher(Simulator):
     title = "Pusher"
     version = 2
     state = (
-        Variable("arm_x", "m", "arm end", -0.2, 0.2),
-        Variable("arm_y", "m", "arm end", -0.2, 0.2),
+        Variable("arm_x", "m", "position of the arm end, x", -0.2, 0.2),
+        Variable("arm_y", "m", "position of the arm end, y", -0.2, 0.2),
         Variable("cos_theta", "1", "cosine of the upper angle θ", -1, 1),
         Variable("sin_theta", "1", "sine of the upper angle θ", -1, 1),
         Variable("theta_rate", "rad/s", "rate of the upper angle", -100, 100),
-        Variable("cos_gamma", "1", "cosine of the lower angle γ, from the upper arm", -1, 1),
-        Variable("sin_gamma", "1", "sine of the lower angle γ, from the upper arm", -1, 1),
+        Variable("cos_gamma", "1", "cosine of the lower angle γ, relative to the upper arm", -1, 1),
+        Variable("sin_gamma", "1", "sine of the lower angle γ, relative to the upper arm", -1, 1),
         Variable("gamma_rate", "rad/s", "rate of the lower angle", -100, 100),
-        Variable("ball_x", "m", "ball", -0.26, 0.26),
-        Variable("ball_y", "m", "ball", -0.26, 0.26),
-        Variable("ball_x_rate", "m/s", "velocity of the ball", -10, 10),
-        Variable("ball_y_rate", "m/s", "velocity of the ball", -10, 10),
+        Variable("ball_x", "m", "position of the ball, x", -0.26, 0.26),
+        Variable("ball_y", "m", "position of the ball, y", -0.26, 0.26),
+        Variable("ball_x_rate", "m/s", "velocity of the ball, x", -10, 10),
+        Variable("ball_y_rate", "m/s", "velocity of the ball, y", -10, 10),
     )
     action = (
         Variable("upper_torque", "N·m", "torque on the shoulder", -0.05, 0.05),
         Variable("lower_torque", "N·m", "torque on the elbow", -0.05, 0.05),
     )
     goal = (
-        Variable("target_x", "m", "where the ball should come to", -0.18, 0.18),
-        Variable("target_y", "m", "where the ball should come to", -0.18, 0.18),
+        Variable("target_x", "m", "target of the ball, x", -0.18, 0.18),
+        Variable("target_y", "m", "target of the ball, y", -0.18, 0.18),
     )
     scenario_variables = (
         Variable("theta", "rad", "upper angle", -np.pi, np.pi),
-        Variable("gamma", "rad", "lower angle, of either sign", 0.6, 2.4),
-        Variable("ball_distance", "m", "from the shoulder to the ball", 0.07, 0.15),
+        Variable("gamma", "rad", "absolute value of the lower angle", 0.6, 2.4),
+        Variable("ball_distance", "m", "distance from the shoulder to the ball", 0.07, 0.15),
         Variable("ball_bearing", "rad", "direction from the shoulder to the ball", -np.pi, np.pi),
-        Variable("target_distance", "m", "from the shoulder to the target", 0.03, 0.18),
+        Variable("target_distance", "m", "distance from the shoulder to the target", 0.03, 0.18),
         Variable(
             "target_bearing", "rad", "direction from the shoulder to the target", -np.pi, np.pi
         ),

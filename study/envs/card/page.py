@@ -52,15 +52,11 @@ no effect. The tests in `tests/envs/` compare the physics with conservation laws
 independent implementations, and the Gymnasium environments with the batched simulators. The
 benchmarks in `tests/benchmarks/` measure the speed.
 
-This command writes this page:
+The command `portrait` writes such a page. The first line writes the page of the study's own
+environments, the second one a page about an environment of `study/examples/`:
 
 ```
 python -m study.run portrait --config configs/paper.yaml --to study/envs
-```
-
-It also writes a page about your own environment; `study/examples/` shows how to add one:
-
-```
 python -m study.run portrait cart --plugins '[study.examples.cart]'
 ```
 """
@@ -191,7 +187,7 @@ def _section(simulator: Simulator, measured: Facts, seed: int) -> str:
         title=simulator.title,
         id=gymnasium_id(type(simulator)),
         description=describe(simulator),
-        probabilities=", ".join(map(str, PROBABILITIES)),
+        probabilities="{}, {} and {}".format(*PROBABILITIES),
         seed=seed,
         facts="\n".join(f"| {quantity} | {value} |" for quantity, value in rows(measured)),
         tables=tables(simulator),
