@@ -1,39 +1,33 @@
-"""The table of all scores, and that a study draws every script of the folder."""
+"""Tables of all scores; models beyond the paper in all tables."""
 
-import ast
-import inspect
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pandas as pd
 import pytest
 
-import paper_figs
 from paper_figs import outcome_tables, score_tables, tables_1_2_brier
-from paper_figs.formatting import latex, number
 from study.config.names import FULL, ORACLE, RESIDUAL_CRPS
-from study.results import publish
 from tests.helpers.synthetic import AS_THE_PAPER, scores
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> Path:
+def score_results(tmp_path: Path) -> Path:
     table = scores(seeds=2)
     oracle = table[(table.model == ORACLE) & (table.metric == "mmd2") & (table.step == -1)]
     first = oracle.drop_duplicates(["environment", "level", "seed"])
-    marks = [
+    shifts = [
         first.assign(metric=f"mmd2_shift_{shift}", scenario=-1, value=value)
         for shift, value in (("0.1", 0.002), ("0.3", 0.017), ("1", 0.17))
     ]
     cell = (table.model == FULL) & (table.level == "high") & (table.environment == "uav")
     broken = first.assign(metric="nonfinite", scenario=-1, value=0.25, model=FULL)
-    pd.concat([table[~cell], *marks, broken]).to_parquet(tmp_path / "scores.parquet")
+    pd.concat([table[~cell], *shifts, broken]).to_parquet(tmp_path / "scores.parquet")
     return tmp_path
 
 
-def test_rows_are_measures_and_columns_forecasters(results: Path) -> None:
-    written = score_tables.plot(results)
+def test_rows_are_measures_and_columns_forecasters(score_results: Path) -> None:
+    written = score_tables.plot(score_results)
     assert [path.name for path in written] == [
         "scores_pusher.md",
         "scores_pusher.tex",
@@ -45,16 +39,16 @@ def test_rows_are_measures_and_columns_forecasters(results: Path) -> None:
     row = next(line for line in low.splitlines() if line.startswith("| MMD² |"))
     estimates = [entry.split("[")[0].strip() for entry in row.split("|")[3:-1]]
     assert estimates == ["0.0500", "0.1000", "0.3000", "0.0000", "0.1200"]
-    assert "aleatoric / true variance" in high
-    assert "CRPS |" not in high  # no cell has it
+    assert "aleatoric variance / true variance" in high
+    assert "CRPS |" not in high  # no cell has this score
     assert "0.0170 at 0.3" in pusher
     assert "60 scenarios, 2 training seeds" in pusher
     missing = next(line for line in uav.split("## ")[2].splitlines() if line.startswith("| MMD² |"))
     assert "| — |" in missing
 
 
-def test_every_row_of_latex_has_as_many_columns(results: Path) -> None:
-    text = score_tables.plot(results)[1].read_text()
+def test_every_row_of_latex_has_as_many_columns(score_results: Path) -> None:
+    text = score_tables.plot(score_results)[1].read_text()
     tables = text.split("\\begin{tabular}{")[1:]
     for table in tables:
         declared = len(table.split("}")[0])
@@ -63,34 +57,10 @@ def test_every_row_of_latex_has_as_many_columns(results: Path) -> None:
     assert "²" not in text
 
 
-def test_numbers_that_are_no_numbers() -> None:
-    assert number(None, 2) == number(np.nan, 2) == "—"
-    assert number(np.inf, 2) == "∞"
-    assert number(-0.0001, 3) == "0.000"
-    assert number(-0.25, 2) == "−0.25"
-
-
-def test_latex_of_numbers_and_percent() -> None:
-    assert latex("95 % of −0.1, 5%: MMD², × ½") == (
-        "95\\,\\% of $-$0.1, 5\\%: MMD$^2$, $\\times\\frac{1}{2}$"
-    )
-
-
-def test_a_study_draws_every_script_of_the_folder() -> None:
-    folder = Path(paper_figs.__file__).parent
-    scripts = {path.stem for path in folder.glob("*.py") if "def draw(" in path.read_text()}
-    names = {
-        node.id
-        for node in ast.walk(ast.parse(inspect.getsource(publish)))
-        if isinstance(node, ast.Name)
-    }
-    assert scripts <= names
-
-
 @pytest.mark.parametrize("tables", [score_tables, tables_1_2_brier, outcome_tables])
 def test_models_beyond_the_paper_are_marked(tables: ModuleType, tmp_path: Path) -> None:
-    own = {RESIDUAL_CRPS: (0.01, 0.02)}
-    scores({**AS_THE_PAPER, **own}, seeds=1).to_parquet(tmp_path / "scores.parquet")
+    beyond = {RESIDUAL_CRPS: (0.01, 0.02)}
+    scores({**AS_THE_PAPER, **beyond}, seeds=1).to_parquet(tmp_path / "scores.parquet")
     markdown, tex = (path.read_text() for path in tables.plot(tmp_path)[:2])
     assert "esidual CRPS† |" in markdown
     assert "† Beyond the paper." in markdown
