@@ -1,4 +1,4 @@
-"""Damaged files are found, named and made again; the rest is left alone."""
+"""Damaged files are found, named and written again, and no other files are."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from study.recording.integrity import check
-from study.recording.reading import entities
+from tests.helpers.reading import entities
 from tests.helpers.running import SMALL, published, results, study
 
 Find = Callable[[str], Path]
@@ -66,7 +66,7 @@ def test_an_artifact(
         ("recordings/study.rrd", Path.unlink),
         ("recordings/study.rrd.sha256", Path.unlink),
         ("weights/cart/low/drift/seed-0.safetensors", _truncate),
-        ("work/published.json", _truncate),
+        ("work/summary.json", _truncate),
     ],
 )
 def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], None]) -> None:
@@ -74,7 +74,7 @@ def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], N
     said = study("plan", *SMALL, "--out", copied)
     assert said.due() == {}
     assert said.out.splitlines()[-1].startswith("0 of 14 stages to run; results: ")
-    assert name == "work/published.json" or str(copied / name) in said.out
+    assert name == "work/summary.json" or str(copied / name) in said.out
     done = study("all", *SMALL, "--out", copied)
     assert done.code == 0
     assert f"{copied}: no stage to run, results written again\n" in done.out
@@ -85,7 +85,7 @@ def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], N
     assert study("plan", *SMALL, "--out", copied).out.endswith("results: up to date\n")
 
 
-def test_cells_that_are_no_part_of_the_grid_any_more_leave_the_results(copied: Path) -> None:
+def test_results_of_cells_that_leave_the_grid_are_removed(copied: Path) -> None:
     done = study("all", *SMALL, "--out", copied, "--grid.models", "[drift]")
     assert done.code == 0
     assert not [name for name in published(copied) if "full_vae" in name]

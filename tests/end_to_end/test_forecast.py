@@ -1,4 +1,4 @@
-"""Forecasts from the weights that a study ships: those that it scored, or of a plan from a file."""
+"""Forecasts with the weights of a study: of its test scenarios, or of a plan from a file."""
 
 import json
 import shutil
@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.commands.forecast import Question, answer, outcome_shares, read_scenario, simulator_of
 from study.common.progress import Progress
 from study.data.trajectories import ScenarioSet
 from study.recording.integrity import check
-from study.recording.reading import entities, properties
 from study.results import folder
+from study.results.forecast import Request, forecast, outcome_probabilities, read_request
+from tests.helpers.reading import entities, properties
 from tests.helpers.running import Done, study
 
 CELL = "uav/high/residual_vae/seed-0"
@@ -22,7 +22,7 @@ CELL = "uav/high/residual_vae/seed-0"
 
 @pytest.fixture(scope="session")
 def shipped(smoke: tuple[Path, Done], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What is left of the smoke study for a reader: no work folder."""
+    """The smoke study as a reader has it: without the work folder."""
     out = tmp_path_factory.mktemp("shipped") / "results"
     return Path(shutil.copytree(smoke[0], out, ignore=shutil.ignore_patterns("work")))
 
@@ -37,11 +37,11 @@ def shipped(smoke: tuple[Path, Done], tmp_path_factory: pytest.TempPathFactory) 
     ],
 )
 @pytest.mark.parametrize("scenario", [0, 5])
-def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int) -> None:
-    known = folder.read(shipped)
-    cell = known.cell(name, "--cell")
-    question = Question(known, cell, scenario)
-    example = answer(question, read_scenario(question), Progress())
+def test_they_are_the_forecasts_that_were_scored(shipped: Path, name: str, scenario: int) -> None:
+    results = folder.read(shipped)
+    cell = results.cell(name, "--cell")
+    request = Request(results, cell, scenario)
+    example = forecast(request, read_request(request), Progress())
     scores = pd.read_parquet(shipped / "scores.parquet")
     rows = scores[
         np.logical_and.reduce([scores[key] == value for key, value in asdict(cell).items()])
@@ -49,15 +49,16 @@ def test_they_are_those_that_were_scored(shipped: Path, name: str, scenario: int
         & (scores.scenario == scenario)
         & (scores.step == -1)
     ].set_index("dimension")
-    simulator = simulator_of(known, cell.environment)
-    shares = outcome_shares(simulator, example)
-    assert len(shares) >= 3
-    for dimension, (share, _) in zip(["all", *list(shares)[1:]], shares.values(), strict=True):
-        assert np.float32(share) == rows.value[dimension]
+    simulator, _ = request.real_system()
+    outcomes = outcome_probabilities(simulator, example)
+    assert len(outcomes) >= 3
+    dimensions = ["all", *list(outcomes)[1:]]
+    for dimension, (probability, _) in zip(dimensions, outcomes.values(), strict=True):
+        assert np.float32(probability) == rows.value[dimension]
 
 
 @pytest.mark.parametrize("environment", ["pusher", "uav"])
-def test_a_test_scenario_is_drawn_again_to_the_bit(
+def test_a_test_scenario_is_sampled_again_to_the_bit(
     smoke: tuple[Path, Done], shipped: Path, environment: str
 ) -> None:
     (path,) = [
@@ -65,9 +66,9 @@ def test_a_test_scenario_is_drawn_again_to_the_bit(
         for manifest in (smoke[0] / "work" / "collect").glob("*/manifest.json")
         if json.loads(manifest.read_text())["label"] == environment
     ]
-    test, known = ScenarioSet.load(path), folder.read(shipped)
-    question = Question(known, known.cell(f"{environment}/low/full_vae/seed-0", "--cell"), 6)
-    example = answer(question, read_scenario(question), Progress())
+    test, results = ScenarioSet.load(path), folder.read(shipped)
+    request = Request(results, results.cell(f"{environment}/low/full_vae/seed-0", "--cell"), 6)
+    example = forecast(request, read_request(request), Progress())
     for name in ("s0", "actions", "goal", "observed"):
         np.testing.assert_array_equal(getattr(example, name), getattr(test, name)[6])
 
@@ -84,12 +85,12 @@ def test_a_file_and_a_scenario_agree(shipped: Path, tmp_path: Path, suffix: str)
     assert of_scenario.code == of_file.code == 0, of_file
     numbers = [done.out.split("reaches the target")[1] for done in (of_scenario, of_file)]
     assert numbers[0].replace("scenario.rrd", "file.rrd") == numbers[1]
-    assert "9 forecasts and 6 observed runs of 12 steps, 4.8 s" in of_file.out
+    assert "9 forecasts and 6 observed rollouts of 12 steps, 4.8 s" in of_file.out
     assert "plan from a file" in of_file.out
-    known = folder.read(shipped)
+    results = folder.read(shipped)
+    requests = (Request(results, results.cell(CELL, ""), 4, file, 9) for file in (None, plan))
     one, other = (
-        answer(question, read_scenario(question), Progress()).forecast
-        for question in (Question(known, known.cell(CELL, ""), 4, file, 9) for file in (None, plan))
+        forecast(request, read_request(request), Progress()).forecast for request in requests
     )
     np.testing.assert_array_equal(one, other)
 
@@ -109,13 +110,13 @@ def test_what_is_printed_and_recorded(shipped: Path, tmp_path: Path) -> None:
         _, _, total, aleatoric, epistemic, _ = map(float, line.split())
         if epistemic > 0:
             assert total**2 == pytest.approx(aleatoric**2 + epistemic**2, rel=0.01)
-        else:  # estimated without bias, so by chance below zero
+        else:  # the unbiased estimate is below zero by chance
             assert total <= aleatoric
     check(path)
     assert properties(path)["samples"] == 20
     found = entities(path)
     assert "/scenario_2/success/forecast" in found
-    assert "/scenario_2/spread" in found
+    assert "/scenario_2/position_std" in found
 
 
 def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) -> None:
@@ -135,7 +136,7 @@ def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) ->
         (["--scenario", -1], "--scenario: got -1"),
         ([], "--scenario: its value is missing"),
         (["--scenario", 0, "--samples", 1], "--samples: got 1; it must be at least 2"),
-        (["--scenario", 0, "--save", "a.rr"], "a recording is a .rrd file"),
+        (["--scenario", 0, "--save", "a.rr"], "--save: got 'a.rr'; it must be a .rrd file"),
         (["--scenario", 0, "--write", "a.txt"], ".csv or a .json file"),
         (["--scenario", 0, "--sample", 3], "did you mean '--samples'?"),
         (["--scenario", "one"], "--scenario: got 'one'; it must be a whole number"),

@@ -15,9 +15,9 @@ from study.config.grid import REFERENCES, Cell, cells
 from study.config.names import label
 from study.models.checkpoints import load_model
 from study.recording.integrity import check
-from study.recording.reading import properties
+from tests.helpers.reading import document, properties
 from tests.helpers.running import SMALL, SMOKE, Done, configuration, files, published, study
-from tests.recording.test_study import document, same_numbers
+from tests.recording.test_study import same_numbers
 
 GRID = cells(configuration(*SMOKE))
 MODELS = [cell for cell in GRID if not cell.is_reference]

@@ -14,9 +14,8 @@ from study.data.variables import Variable
 from study.recording import data as data_recording
 from study.recording.data import record_data
 from study.recording.integrity import check
-from study.recording.reading import entities, properties, scalars
 from tests.helpers import recordings
-from tests.recording.test_study import document
+from tests.helpers.reading import document, entities, properties, scalars
 
 
 def trajectories(count: int = 5) -> Trajectories:

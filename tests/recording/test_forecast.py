@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.common.errors import StudyError
-from study.recording import bands, reading
+from study.recording import bands
 from study.recording.examples import Example
 from study.recording.forecast import record_forecast, success_so_far
-from tests.helpers import recordings
+from tests.helpers import reading, recordings
 
 
 @pytest.fixture(scope="module")
@@ -149,8 +148,3 @@ def _three_times_as_wide(example: Example) -> Example:
 def test_properties_are_read_back(forecast: Path) -> None:
     assert reading.properties(forecast) == recordings.PROPERTIES
     assert "/readme" in reading.entities(forecast)
-
-
-def test_an_unknown_entity_is_named(forecast: Path) -> None:
-    with pytest.raises(StudyError, match="did you mean '/median/state/x'"):
-        reading.scalars(forecast, "/median/stat/x")

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from study.recording import reading
 from study.recording.scores import record_scores, reliability
-from tests.helpers import recordings
+from tests.helpers import reading, recordings
 
 
 def test_scores_are_the_same_numbers(tmp_path: Path) -> None:

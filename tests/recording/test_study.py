@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from rerun.chunk import RrdReader
 
 from study.config.grid import Cell
-from study.recording import reading
 from study.recording.integrity import check
 from study.recording.study import record_study
-from tests.helpers import recordings
+from tests.helpers import reading, recordings
+from tests.helpers.reading import document
 
 PROPERTIES = {"study": "toy", "seeds": "0", "config": '{"name": "toy"}'}
 
@@ -30,15 +29,6 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _cells(table: pd.DataFrame) -> list[Cell]:
     columns = ["environment", "level", "model", "seed"]
     return [Cell(*row) for row in table[columns].drop_duplicates().itertuples(index=False)]
-
-
-def document(path: Path, entity: str) -> str:
-    """The Markdown of a panel."""
-    for chunk in RrdReader(path).stream().filter(content=[entity]):
-        batch = chunk.to_record_batch()
-        if "TextDocument:text" in batch.schema.names:
-            return str(batch.column("TextDocument:text").to_pylist()[0][0])
-    raise KeyError(entity)
 
 
 def same_numbers(path: Path, table: pd.DataFrame) -> None:

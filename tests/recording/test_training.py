@@ -10,10 +10,9 @@ import torch
 from lightning.pytorch import LightningModule, Trainer
 from torch.utils.data import DataLoader, TensorDataset
 
-from study.recording import reading
 from study.recording.integrity import check
 from study.recording.training import RerunLogger
-from tests.helpers import recordings
+from tests.helpers import reading, recordings
 
 
 class Line(LightningModule):

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from study.common.files import write_json
-from study.recording import reading
 from study.recording.tuning import read_trials, record_tuning
-from tests.helpers import recordings
+from tests.helpers import reading, recordings
 
 
 def test_every_trial_is_recorded(tmp_path: Path) -> None:

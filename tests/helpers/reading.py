@@ -1,4 +1,4 @@
-"""Reading recordings back: scalars as data frames, properties as a dict."""
+"""Reading recordings back: scalars as data frames, properties as a dictionary, panels as text."""
 
 import warnings
 from collections.abc import Iterator
@@ -9,19 +9,15 @@ import pandas as pd
 import pyarrow as pa
 from rerun.chunk import RrdReader
 
-from study.common.errors import StudyError, nearest
 from study.recording.properties import GROUP
 
 _SCALARS = "Scalars:scalars"
 _NAMES = "SeriesLines:names"
+_TEXT = "TextDocument:text"
 
 
 def entities(path: Path) -> list[str]:
-    """Every entity path of a recording, sorted, without those of Rerun itself.
-
-    Raises:
-        StudyError: the file is missing or is not a recording.
-    """
+    """Every entity path of a recording, sorted, without those of Rerun itself."""
     paths = {chunk.entity_path for chunk in _chunks(path)}
     return sorted(name for name in paths if not name.startswith("/__"))
 
@@ -30,32 +26,17 @@ def scalars(path: Path, entity: str) -> pd.DataFrame:
     """The scalars of one entity [N, C], indexed by their timeline, in the order of time.
 
     A single series is the column `value`; several have the names that the plot gives them.
-
-    Raises:
-        StudyError: the file cannot be read, or has no scalars of that name.
     """
-    entity = "/" + entity.strip("/")
-    frames = _frames(_chunks(path, entity))
-    if entity not in frames:
-        raise StudyError(f"{path} has no scalars '{entity}': {nearest(entity, entities(path))}")
-    return frames[entity]
+    return _frames(_chunks(path, entity))[entity]
 
 
 def scalars_below(path: Path, entity: str) -> dict[str, pd.DataFrame]:
-    """The scalars of an entity and of all below it, by entity, from reading the file once.
-
-    Raises:
-        StudyError: the file is missing or is not a recording.
-    """
-    return _frames(_chunks(path, f"/{entity.strip('/')}/**"))
+    """The scalars of all entities below one, by entity, as `scalars` gives them."""
+    return _frames(_chunks(path, f"{entity}/**"))
 
 
 def properties(path: Path) -> dict[str, str | int | float]:
-    """The properties that a recording was written with.
-
-    Raises:
-        StudyError: the file is missing or is not a recording.
-    """
+    """The properties that a recording was written with."""
     values: dict[str, str | int | float] = {}
     for chunk in _chunks(path, f"/__properties/{GROUP}"):
         batch = chunk.to_record_batch()
@@ -65,20 +46,22 @@ def properties(path: Path) -> dict[str, str | int | float]:
     return values
 
 
+def document(path: Path, entity: str) -> str:
+    """The Markdown of a panel."""
+    for chunk in _chunks(path, entity):
+        batch = chunk.to_record_batch()
+        if _TEXT in batch.schema.names:
+            return str(batch.column(_TEXT).to_pylist()[0][0])
+    raise KeyError(entity)
+
+
 def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
     """The chunks of a recording, or those of one entity (or pattern of entities)."""
-    if not Path(path).is_file():
-        raise StudyError(f"recording {path} is missing")
-    try:
+    with warnings.catch_warnings():
         # Recordings of many small entities are written without a footer.
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "RRD file has no footer")
-            reader = RrdReader(path)
-        stream = reader.stream()
-        yield from stream if entity is None else stream.filter(content=[entity])
-    except (OSError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise StudyError(f"cannot read the recording {path}: {reason}") from error
+        warnings.filterwarnings("ignore", "RRD file has no footer")
+        stream = RrdReader(path).stream()
+    yield from stream if entity is None else stream.filter(content=[entity])
 
 
 def _frames(chunks: Iterator[Any]) -> dict[str, pd.DataFrame]:
