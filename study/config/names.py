@@ -1,14 +1,16 @@
-"""The names of the study, in settings and folders, and what they are called in text."""
+"""Names of environments, levels and models in settings and folders, and their labels in text."""
 
 ENVIRONMENTS = ("pusher", "uav")
 LEVELS = ("low", "high")
+"""Levels of epistemic uncertainty."""
 RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
 MODELS = (RESIDUAL, FULL, MLP)
+"""The models of the paper."""
 RESIDUAL_CRPS, FULL_CRPS = "residual_crps", "full_crps"
 RESIDUAL_ENSEMBLE, FULL_ENSEMBLE = "residual_vae_ensemble", "full_vae_ensemble"
 MLP_ENSEMBLE = "probabilistic_ensemble"
 BEYOND = (RESIDUAL_CRPS, FULL_CRPS, RESIDUAL_ENSEMBLE, FULL_ENSEMBLE, MLP_ENSEMBLE)
-"""Models that the paper does not have (†): no claim of it is about them."""
+"""Models beyond the paper, with † in their labels."""
 ORACLE, ENSEMBLE = "oracle", "ensemble"
 
 LABELS = {
@@ -30,5 +32,5 @@ LABELS = {
 
 
 def label(name: str) -> str:
-    """What a name is called in text; one that the paper does not know, without underscores."""
+    """The label of a name in text: of a new name, the name without underscores."""
     return LABELS.get(name, name.replace("_", " "))

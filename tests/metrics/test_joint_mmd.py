@@ -35,11 +35,11 @@ def slow(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("spread", "place"), [(1.0, 30.0), (100.0, 0.0), (1.0, 5e3), (1e5, 0.0), (1e-3, 1.0)]
+    ("deviation", "offset"), [(1.0, 30.0), (100.0, 0.0), (1.0, 5e3), (1e5, 0.0), (1e-3, 1.0)]
 )
 @pytest.mark.parametrize("samples", [2, 7])
-def test_agrees_with_a_double_loop(spread: float, place: float, samples: int) -> None:
-    forecast = spread * normal(2, samples, 3, 3) + np.float32(place)
+def test_agrees_with_a_double_loop(deviation: float, offset: float, samples: int) -> None:
+    forecast = deviation * normal(2, samples, 3, 3) + np.float32(offset)
     observed = normal(2, 4, 3, 3, seed=1)
     result = joint_mmd(forecast, observed, SCALE, BANDWIDTH)
     for s, t in np.ndindex(2, 3):
@@ -65,14 +65,14 @@ def test_it_depends_on_dependence_between_dimensions() -> None:
     shuffled[..., 1] = np.roll(shuffled[..., 1], 1, axis=1)
     fresh = normal(10, 60, 20, 2, seed=1)
     fresh[..., 1] = 0.9 * fresh[..., 0] + np.sqrt(0.19) * fresh[..., 1]
-    width = bandwidths(observed, ones)
-    biased = mmd(shuffled, observed, ones, width).biased
+    bandwidth = bandwidths(observed, ones)
+    biased = mmd(shuffled, observed, ones, bandwidth).biased
     np.testing.assert_allclose(biased, 0, atol=1e-7)
-    floor = joint_mmd(fresh, observed, ones, width).squared
+    floor = joint_mmd(fresh, observed, ones, bandwidth).squared
     error = floor.std() / np.sqrt(floor.size)
     # Unbiased: zero for equal distributions.
     assert floor.mean() == pytest.approx(0, abs=4 * error)
-    assert joint_mmd(shuffled, observed, ones, width).squared.mean() > 0.02 > 10 * error
+    assert joint_mmd(shuffled, observed, ones, bandwidth).squared.mean() > 0.02 > 10 * error
 
 
 @pytest.mark.parametrize("dimensions", [2, 12, 17])
@@ -93,8 +93,8 @@ def test_one_non_finite_value_makes_the_state_the_worst_case(bad: float) -> None
     result = joint_mmd(not_finite, observed, SCALE, BANDWIDTH).squared.item()
     among = kernels(observed[0, :, 0], observed[0, :, 0])
     assert result == pytest.approx(1 + (among.sum() - 6) / 30, abs=1e-7)
-    for place in (0.0, 3.0, 1e6):
-        finite = np.full_like(not_finite, place)
+    for offset in (0.0, 3.0, 1e6):
+        finite = np.full_like(not_finite, offset)
         assert joint_mmd(finite, observed, SCALE, BANDWIDTH).squared.item() <= result + 1e-7
 
 

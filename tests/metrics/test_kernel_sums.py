@@ -42,11 +42,11 @@ def clustered(*shape: int, seed: int = 0) -> Doubles:
 SCALES = np.logspace(-8, 7, 40)
 CASES = {
     "ordinary": (normal(30, 40), 0.8 * normal(20, 40, seed=1) + 0.3),
-    "every spread": (SCALES * normal(30, 40), SCALES[::-1] * normal(20, 40, seed=1)),
+    "every deviation": (SCALES * normal(30, 40), SCALES[::-1] * normal(20, 40, seed=1)),
     "every distance": (normal(30, 40) + SCALES, normal(20, 40, seed=1)),
     "a thousand widths apart": (normal(30, 9) + 1000, normal(20, 9, seed=1)),
     "clusters": (clustered(30, 9), clustered(20, 9, seed=1)),
-    "spread evenly": (
+    "uniform": (
         np.random.default_rng(0).uniform(-400, 400, (60, 9)),
         np.random.default_rng(1).uniform(-400, 400, (70, 9)),
     ),
@@ -90,7 +90,7 @@ def test_equal_numbers_have_no_gap_at_all() -> None:
 
 
 def test_columns_and_blocks_do_not_affect_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    x, y = CASES["every spread"]
+    x, y = CASES["every deviation"]
     whole = gaps(x, y)
     monkeypatch.setattr(kernel_sums, "BLOCK", 1)
     alone = gaps(x, y)

@@ -15,13 +15,13 @@ def normal(*shape: int, seed: int = 0) -> Floats:
     return np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
 
 
-def mean_kernel(x: Floats, y: Floats, width: float, distinct: bool) -> float:
+def mean_kernel(x: Floats, y: Floats, bandwidth: float, distinct: bool) -> float:
     total, count = 0.0, 0
     for i, a in enumerate(x):
         for j, b in enumerate(y):
             if distinct and i == j:
                 continue
-            total += np.exp(-((float(a) - float(b)) ** 2) / (2 * width**2))
+            total += np.exp(-((float(a) - float(b)) ** 2) / (2 * bandwidth**2))
             count += 1
     return total / count
 
@@ -34,11 +34,11 @@ def similarity(observed: Floats, scale: np.ndarray, bandwidth: np.ndarray) -> np
     return np.asarray((kernel.sum((-1, -2)) - count) / (count * (count - 1)))
 
 
-def slow(x: Floats, y: Floats, width: float) -> tuple[float, float]:
+def slow(x: Floats, y: Floats, bandwidth: float) -> tuple[float, float]:
     """Unbiased MMD² and biased MMD of x [K] and y [L], by definition."""
-    across = mean_kernel(x, y, width, False)
-    unbiased = mean_kernel(x, x, width, True) + mean_kernel(y, y, width, True) - 2 * across
-    biased = mean_kernel(x, x, width, False) + mean_kernel(y, y, width, False) - 2 * across
+    across = mean_kernel(x, y, bandwidth, False)
+    unbiased = mean_kernel(x, x, bandwidth, True) + mean_kernel(y, y, bandwidth, True) - 2 * across
+    biased = mean_kernel(x, x, bandwidth, False) + mean_kernel(y, y, bandwidth, False) - 2 * across
     return unbiased, np.sqrt(biased)
 
 
@@ -53,19 +53,21 @@ def test_agrees_with_a_double_loop() -> None:
         assert result.biased[s, t, d] == pytest.approx(biased, abs=1e-6)
 
 
-@pytest.mark.parametrize(("spread", "place"), [(300.0, 0.0), (1.0, 1e3), (0.0, 0.2), (1e-9, 0.0)])
-@pytest.mark.parametrize("width", [1.0, 1e-3])
+@pytest.mark.parametrize(
+    ("deviation", "offset"), [(300.0, 0.0), (1.0, 1e3), (0.0, 0.2), (1e-9, 0.0)]
+)
+@pytest.mark.parametrize("bandwidth", [1.0, 1e-3])
 @pytest.mark.parametrize("samples", [2, 9])
 def test_agrees_with_a_double_loop_at_any_range(
-    spread: float, place: float, width: float, samples: int
+    deviation: float, offset: float, bandwidth: float, samples: int
 ) -> None:
-    forecast = np.float32(spread) * normal(1, samples, 6, 1) + np.float32(place)
+    forecast = np.float32(deviation) * normal(1, samples, 6, 1) + np.float32(offset)
     observed = normal(1, 5, 6, 1, seed=1)
     observed[:, :, 3] = observed[:, :1, 3]  # all rollouts agree
     forecast[:, 1:, 4] = observed[:, :1, 4]  # ties between the two
-    result = mmd(forecast, observed, np.ones(1), np.array([width]))
+    result = mmd(forecast, observed, np.ones(1), np.array([bandwidth]))
     for t in range(6):
-        unbiased, biased = slow(forecast[0, :, t, 0], observed[0, :, t, 0], width)
+        unbiased, biased = slow(forecast[0, :, t, 0], observed[0, :, t, 0], bandwidth)
         assert result.squared[0, t, 0] == pytest.approx(unbiased, abs=5e-9)
         assert result.biased[0, t, 0] == pytest.approx(biased, abs=1e-4)
         assert result.biased[0, t, 0] ** 2 == pytest.approx(biased**2, abs=5e-9)
@@ -81,17 +83,17 @@ def test_many_samples_lose_nothing_to_float32() -> None:
     assert result.squared.item() == pytest.approx(exact, abs=2e-7)
 
 
-@pytest.mark.parametrize(("shift", "spread"), [(0.0, 1.0), (1.0, 1.0), (0.5, 2.0)])
-def test_agrees_with_the_closed_form_of_two_normals(shift: float, spread: float) -> None:
+@pytest.mark.parametrize(("shift", "deviation"), [(0.0, 1.0), (1.0, 1.0), (0.5, 2.0)])
+def test_agrees_with_the_closed_form_of_two_normals(shift: float, deviation: float) -> None:
     """E k(x, y) = h / √(h² + v) · exp(-m² / 2(h² + v)), where x - y ~ N(m, v)."""
 
     def expected(mean: float, variance: float, h: float = 1.0) -> float:
         total = h**2 + variance
         return float(h / np.sqrt(total) * np.exp(-(mean**2) / (2 * total)))
 
-    forecast = shift + spread * normal(20, 40, 50, 1)
+    forecast = shift + deviation * normal(20, 40, 50, 1)
     result = mmd(forecast, normal(20, 40, 50, 1, seed=1), np.ones(1), np.ones(1))
-    true = expected(0, 2 * spread**2) + expected(0, 2) - 2 * expected(shift, 1 + spread**2)
+    true = expected(0, 2 * deviation**2) + expected(0, 2) - 2 * expected(shift, 1 + deviation**2)
     standard_error = result.squared.std() / np.sqrt(result.squared.size)
     assert standard_error < 0.003
     # For equal distributions the true value is 0: this is the test that it is unbiased.
@@ -127,8 +129,8 @@ def test_non_finite_forecasts_are_the_worst_case(bad: float) -> None:
     result = mmd(not_finite, observed, np.ones(1), np.ones(1))
     np.testing.assert_allclose(result.squared, 1 + among, atol=5e-9)
     # No finite forecast is worse, wherever it is.
-    for place in (0.0, 3.0, 1e6):
-        finite = np.full_like(not_finite, place)
+    for offset in (0.0, 3.0, 1e6):
+        finite = np.full_like(not_finite, offset)
         assert mmd(finite, observed, np.ones(1), np.ones(1)).squared <= result.squared + 1e-12
 
 
@@ -162,7 +164,7 @@ def test_progress_ends_at_one() -> None:
 
 
 def test_bandwidth_is_the_median_distance() -> None:
-    # The median of |x - y| for two standard normals is 0.954; the scale cancels the spread.
+    # The median of |x - y| for two standard normals is 0.954; the scale cancels the deviation.
     observed = 2 * normal(100, 20, 10, 1)
     assert bandwidths(observed, np.array([2.0])) == pytest.approx(0.954, abs=0.02)
 
@@ -172,9 +174,9 @@ def test_bandwidth_ignores_ties_and_has_a_floor() -> None:
     observed[:, :, :20, 0] = 1.0  # at rest most of the time
     observed[..., 1] = 5.0  # at rest always
     observed[..., 2] *= 1e-4  # hardly moving
-    width = bandwidths(observed, np.array([1.0, 0.0, 1.0]))
-    assert width[0] == pytest.approx(0.954, abs=0.1)
-    assert list(width[1:]) == [FLOOR, FLOOR]
+    bandwidth = bandwidths(observed, np.array([1.0, 0.0, 1.0]))
+    assert bandwidth[0] == pytest.approx(0.954, abs=0.1)
+    assert list(bandwidth[1:]) == [FLOOR, FLOOR]
 
 
 def test_a_dimension_that_never_varies_scores_zero() -> None:

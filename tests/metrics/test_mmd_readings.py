@@ -95,9 +95,9 @@ def test_a_shift_is_in_units_of_each_scenario_step_and_dimension() -> None:
 @pytest.mark.parametrize("read", [sensitivity, pooled])
 def test_bad_observations_and_too_few_samples_are_refused(read) -> None:  # type: ignore[no-untyped-def]
     observed = normal(2, 5, 3, 2)
-    width = bandwidths(observed, SCALE)
+    bandwidth = bandwidths(observed, SCALE)
     with pytest.raises(ValueError, match="at least two"):
-        read(observed[:, :1], observed, SCALE, width)
+        read(observed[:, :1], observed, SCALE, bandwidth)
     observed[1, 2, 0, 1] = np.inf
     with pytest.raises(ValueError, match="not finite"):
-        read(observed, observed, SCALE, width)
+        read(observed, observed, SCALE, bandwidth)

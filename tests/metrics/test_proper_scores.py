@@ -60,17 +60,17 @@ def test_energy_score_of_one_dimension_is_the_crps() -> None:
     np.testing.assert_allclose(energy_score(forecast, observed, ONE), marginal, atol=1e-6)
 
 
-@pytest.mark.parametrize(("shift", "spread"), [(0.0, 1.0), (1.0, 1.0), (0.0, 0.3)])
-def test_crps_agrees_with_the_closed_form_for_normals(shift: float, spread: float) -> None:
+@pytest.mark.parametrize(("shift", "deviation"), [(0.0, 1.0), (1.0, 1.0), (0.0, 0.3)])
+def test_crps_agrees_with_the_closed_form_for_normals(shift: float, deviation: float) -> None:
     """E |N(m, v)| for the differences; fair, so it does not depend on the number of samples."""
 
     def expected(m: float, sd: float) -> float:
         density = math.exp(-(m**2) / (2 * sd**2)) * math.sqrt(2 / math.pi)
         return sd * density + m * math.erf(m / sd / math.sqrt(2))
 
-    true = expected(shift, np.hypot(1, spread)) - expected(0, np.sqrt(2) * spread) / 2
+    true = expected(shift, np.hypot(1, deviation)) - expected(0, np.sqrt(2) * deviation) / 2
     for samples in (2, 10):
-        forecast = shift + spread * normal(200, samples, 60, 1)
+        forecast = shift + deviation * normal(200, samples, 60, 1)
         score = crps(forecast, normal(200, 10, 60, 1, seed=1), ONE)
         error = score.std() / np.sqrt(score.size)
         assert error < 0.01
@@ -106,9 +106,9 @@ def test_the_score_of_a_non_finite_forecast_is_infinite_at_its_place(
     before = score(forecast, observed, np.ones(2))
     forecast[0, 1, 2, 1] = bad
     after = score(forecast, observed, np.ones(2))
-    place = (0, 2, 1) if score is crps else (0, 2)
-    assert after[place] == np.inf
-    after[place] = before[place]
+    index = (0, 2, 1) if score is crps else (0, 2)
+    assert after[index] == np.inf
+    after[index] = before[index]
     np.testing.assert_allclose(after, before, atol=1e-12)
 
 

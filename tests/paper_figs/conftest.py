@@ -53,7 +53,7 @@ def new_forecasts(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def outcome_scores() -> pd.DataFrame:
-    """Scores of outcomes at two levels of the UAV; the full VAE has none at the level high."""
+    """Scores of outcomes of the UAV at two levels; the cell of the full VAE at high is missing."""
     cells = [
         cell_outcome_scores(model, seed).assign(
             environment="uav", level=level, model=model, seed=seed
