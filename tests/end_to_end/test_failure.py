@@ -1,4 +1,4 @@
-"""A stage that fails, a worker that dies, a full disk: said in a line, and the rest goes on."""
+"""A stage that fails, a worker that dies, a full disk: one line each, and the rest goes on."""
 
 import errno
 import os
@@ -94,11 +94,11 @@ def test_a_disk_that_is_full_while_results_are_written(
 ) -> None:
     (copied / "claims.json").unlink()
     with monkeypatch.context() as context:
-        context.setattr("study.results.publish.write_text", _full)
+        context.setattr("study.results.summary.write_text", _full)
         done = study("all", *SMALL, "--out", copied)
     assert done.code == 1
     assert done.err.count("\n") == 1
-    assert done.err.startswith("error: [Errno 28] No space left on device")
+    assert done.err.startswith("error: the disk is full; ")
     done = study("all", *SMALL, "--out", copied)
     assert "no stage to run, results written again" in done.out
     assert results(copied) == results(small)

@@ -101,12 +101,12 @@ def test_what_is_printed_and_recorded(shipped: Path, tmp_path: Path) -> None:
     done = study("forecast", *given)
     assert done.code == 0
     assert done.err == ""
-    said = done.out.splitlines()
+    lines = done.out.splitlines()
     for name in ("reaches the target", "ends at the target", "stays above 15 m"):
-        (line,) = [line for line in said if line.startswith(name)]
+        (line,) = [line for line in lines if line.startswith(name)]
         assert all(0 <= float(number) <= 1 for number in line.split()[-3:])
-    start = next(index for index, line in enumerate(said) if line.startswith("step"))
-    for line in said[start + 1 : start + 6]:
+    start = next(index for index, line in enumerate(lines) if line.startswith("step"))
+    for line in lines[start + 1 : start + 6]:
         _, _, total, aleatoric, epistemic, _ = map(float, line.split())
         if epistemic > 0:
             assert total**2 == pytest.approx(aleatoric**2 + epistemic**2, rel=0.01)
@@ -130,7 +130,7 @@ def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["--scenario", 8], "--scenario: got 8; the test set has 8, 0 to 7"),
         (["--scenario", -1], "--scenario: got -1"),
@@ -147,10 +147,10 @@ def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) ->
     ],
     ids=str,
 )
-def test_one_line_about_what_cannot_be(shipped: Path, arguments: list[object], said: str) -> None:
+def test_bad_input_gets_one_line(shipped: Path, arguments: list[object], expected: str) -> None:
     done = study("forecast", "--cell", CELL, "--out", shipped, *arguments)
     assert done.code == 2
-    assert said in done.err
+    assert expected in done.err
     assert done.err.count("\n") == 1
 
 

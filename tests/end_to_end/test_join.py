@@ -1,4 +1,4 @@
-"""Seeds that were run apart are one study when they are joined."""
+"""Seeds that were run apart, joined into one study."""
 
 import shutil
 from pathlib import Path
@@ -28,7 +28,7 @@ def test_it_is_what_one_run_of_all_seeds_leaves(apart: list[Path], tmp_path: Pat
     done = study("join", *apart, "--out", tmp_path / "joined")
     assert (done.code, done.err) == (0, "")
     together = _run(tmp_path / "together", "[0, 1]")
-    # Recordings have an identity and a time of their own; `verify` knows whether they are whole.
+    # Recordings have identifiers and times of their own. `verify` checks them.
     assert checksums.present(tmp_path / "joined") == checksums.present(together)
     joined = results(tmp_path / "joined") | files(tmp_path / "joined", "figures/*")
     assert len(joined) > 30
@@ -50,10 +50,10 @@ def test_parts_must_fit(apart: list[Path], tmp_path: Path) -> None:
         return done.err.strip()
 
     first, second = apart
-    assert refused(first) == "error: join: give at least two results folders"
+    assert refused(first) == "error: join: got 1 results folder; give at least two"
     assert refused(first, first) == f"error: join: {first} and {first} both have seed 1"
-    there = f"error: --out: '{second}' is there already; give a folder that is not"
-    assert refused(first, second, out=second) == there
+    exists = f"error: --out: '{second}' exists; give a folder that does not"
+    assert refused(first, second, out=second) == exists
 
     other = tmp_path / "other"
     shutil.copytree(second, other)
@@ -61,8 +61,8 @@ def test_parts_must_fit(apart: list[Path], tmp_path: Path) -> None:
     facts["settings"]["train"]["steps"] += 1
     facts["versions"]["torch"] = "0.1"
     write_json(other / "study.json", facts)
-    told = f"error: join: {first} and {other} differ in train.steps, versions.torch"
-    assert refused(first, other) == told
+    expected = f"error: join: {first} and {other} differ in train.steps, versions.torch"
+    assert refused(first, other) == expected
 
 
 def test_a_damaged_part_is_named(apart: list[Path], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Killed at any moment and started again, the study leaves the same bytes."""
+"""A study that is killed at any moment and started again leaves the same bytes."""
 
 import json
 import os
@@ -13,9 +13,11 @@ import pytest
 from study.recording.integrity import check
 from tests.helpers.running import SMALL, files, results, run, start, study
 
+PROCESSES = Path("/proc")
+
 
 def _entries(out: Path) -> list[dict[str, Any]]:
-    """What the Optuna journal of a search that goes on holds."""
+    """The entries of the Optuna journal of a search that is not complete."""
     journals = list(out.glob("work/tune/.*.partial/journal.log"))
     lines = journals[0].read_text().splitlines() if journals else []
     return [json.loads(line) for line in lines if line.endswith("}")]
@@ -38,11 +40,11 @@ def _evaluating(out: Path) -> bool:
 
 
 def _publishing(out: Path) -> bool:
-    return (out / "scores.parquet").exists() and not (out / "work/published.json").exists()
+    return (out / "scores.parquet").exists() and not (out / "work/summary.json").exists()
 
 
 def _kill_when(reached: Callable[[Path], bool], out: Path, *extra: str) -> None:
-    """Start the study, and kill its main process as soon as it is there."""
+    """Start the study, and kill its main process when a state is reached."""
     process = start("all", *SMALL, *extra, "--out", out)
     try:
         while not reached(out):
@@ -57,7 +59,7 @@ def test_killed_again_and_again(tmp_path: Path, small: Path) -> None:
     out = tmp_path / "results"
     for reached in (_tuning, _evaluating, _publishing):
         _kill_when(reached, out)
-        assert reached(out), "the moment had passed"
+        assert reached(out), "it was killed too late"
     done = study("all", *SMALL, "--out", out)
     assert done.code == 0
     assert results(out) == results(small)
@@ -65,7 +67,7 @@ def test_killed_again_and_again(tmp_path: Path, small: Path) -> None:
     assert names == {name for name in files(small) if not name.startswith("work/")}
     for path in (out / "recordings").rglob("*.rrd"):
         check(path)
-    # Nothing half done stays, and nothing was done twice.
+    # No partial file is left, and nothing ran twice.
     assert not list(out.glob("work/*/.*"))
     assert study("all", *SMALL, "--out", out).out.startswith(f"{out}: everything is up to date")
 
@@ -83,18 +85,19 @@ def test_a_search_goes_on_where_it_was(tmp_path: Path, small: Path) -> None:
     assert results(tmp_path) == results(small)
 
 
+@pytest.mark.skipif(not PROCESSES.is_dir(), reason="the system has no /proc")
 def test_workers_end_with_the_run(tmp_path: Path) -> None:
     _kill_when(_training, tmp_path, "--engine.kind=dask", "--engine.workers=2")
     deadline = time.monotonic() + 60
     while left := _processes_of(tmp_path):
-        assert time.monotonic() < deadline, f"still there: {left}"
+        assert time.monotonic() < deadline, f"still running: {left}"
         time.sleep(0.1)
     done = study("all", *SMALL, "--out", tmp_path)
     assert done.code == 0
 
 
 def test_interrupted(tmp_path: Path, small: Path) -> None:
-    """Ctrl-C: every process of the terminal's group gets it."""
+    """Ctrl-C reaches every process of the terminal's group."""
     process = start(
         "all",
         *SMALL,
@@ -118,16 +121,16 @@ def test_interrupted(tmp_path: Path, small: Path) -> None:
 def _processes_of(out: Path) -> list[str]:
     """The processes that were started for this study."""
     wanted, found = f"STUDY_OF={out}".encode(), []
-    for path in Path("/proc").glob("[0-9]*/environ"):
+    for path in PROCESSES.glob("[0-9]*/environ"):
         try:
             if wanted in path.read_bytes().split(b"\0"):
                 found.append(path.parent.name)
         except OSError:
-            continue  # it has ended, or is another user's
+            continue  # it has ended, or belongs to another user
     return found
 
 
 @pytest.fixture(autouse=True)
 def _mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Everything that a test starts inherits this."""
+    """A mark that every process that a test starts inherits."""
     monkeypatch.setenv("STUDY_OF", str(tmp_path))

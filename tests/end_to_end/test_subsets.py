@@ -1,4 +1,4 @@
-"""Who sees which data: level high a part of low, and nobody but the scores the test set."""
+"""Which data are used where: high is a part of low, and only scores use the test set."""
 
 import shutil
 from pathlib import Path

@@ -10,7 +10,6 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from study.commands.parser import parse
 from study.common.files import read_json
 from study.config.convert import from_json
 from study.config.grid import Cell
@@ -19,13 +18,13 @@ from study.stages.tune import sampler, trial_to_json
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
 from study.workflow.task import Task
-from tests.helpers.running import SMALL, SMOKE, Done
+from tests.helpers.running import SMALL, SMOKE, Done, configuration
 
 CELL = Cell("cart", "low", "full_vae", 0)
 
 
 def _task(arguments: list[str], cell: Cell) -> Task:
-    return Pipeline(parse(["all", *arguments]).config).tune(cell)
+    return Pipeline(configuration(*arguments)).tune(cell)
 
 
 def _study(journal: Path) -> optuna.Study:
@@ -56,7 +55,7 @@ def test_the_journal_opens_and_holds_what_the_stage_says(small: Path) -> None:
 
 @pytest.mark.parametrize("environment", ["pusher", "uav"])
 def test_the_fit_takes_the_tuned_beta(smoke: tuple[Path, Done], environment: str) -> None:
-    pipeline = Pipeline(parse(["all", *SMOKE]).config)
+    pipeline = Pipeline(configuration(*SMOKE))
     store = Store(smoke[0] / "work")
     for level in ("low", "high"):
         for model in ("residual_vae", "full_vae"):
