@@ -110,13 +110,14 @@ def test_loss_and_gradients() -> None:
         torch.testing.assert_close(weight, STATE / 2 * layer.weight.grad, rtol=1e-4, atol=1e-6)
         torch.testing.assert_close(bias, STATE / 2 * layer.bias.grad, rtol=1e-4, atol=1e-6)
     # Of the bounds: the likelihood's part as above, and 0.01 for each member against 0.01 once.
-    bounds_of = (
-        ([m.max_log_variance.grad for m in network.each_member()], peer.max_logvar.grad[0], 0.01),
-        ([m.min_log_variance.grad for m in network.each_member()], peer.min_logvar.grad[0], -0.01),
-    )
-    for gradients, theirs, weight in bounds_of:
-        expected = STATE / 2 * (theirs - weight) + weight * MEMBERS
-        torch.testing.assert_close(sum(gradients), expected)
+    members: list[Any] = network.each_member()
+    for name, of_peer, sign in (
+        ("max_log_variance", peer.max_logvar.grad[0], 1),
+        ("min_log_variance", peer.min_logvar.grad[0], -1),
+    ):
+        gradient = torch.stack([getattr(member, name).grad for member in members]).sum(0)
+        expected = STATE / 2 * (of_peer - sign * 0.01) + sign * 0.01 * MEMBERS
+        torch.testing.assert_close(gradient, expected)
 
 
 def test_ts_infinity() -> None:

@@ -32,8 +32,13 @@ def test_the_loss_term_by_term() -> None:
                 divergence += 0.5 * (m**2 + v - 1 - math.log(v))
     nll, divergence = nll / 12, divergence / 12
     cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 5).double()
-    arrays = map(torch.from_numpy, (error, log_std, mean, log_variance))
-    loss, found_nll, found_divergence, variance = cvae.loss(*arrays, beta)
+    loss, found_nll, found_divergence, variance = cvae.loss(
+        torch.from_numpy(error),
+        torch.from_numpy(log_std),
+        torch.from_numpy(mean),
+        torch.from_numpy(log_variance),
+        beta,
+    )
     assert found_nll.item() == pytest.approx(nll)
     assert found_divergence.item() == pytest.approx(divergence)
     assert loss.item() == pytest.approx(nll + beta * divergence)
