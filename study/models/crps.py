@@ -159,9 +159,9 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     ) -> dict[str, Tensor]:
         """The logarithmic score of single transitions, and the error of their mean.
 
-        Steps of the horizon are sampled in proportion to 1 + the mean squared change of the state
-        in units of δ, since a start from rest comes once in a trajectory. The persistent noise is
-        left out: within one step it cannot be told from the other noise.
+        The probability of a step of the horizon is proportional to 1 + the mean squared change of
+        the state in units of δ. So rare events, such as a start from rest, are sampled more often.
+        The persistent noise is left out: within one step it cannot be separated from the other.
 
         Args:
             states: [B, T+1, D].

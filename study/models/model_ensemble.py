@@ -1,8 +1,8 @@
 """Ensembles of whole models: the members disagree where the data leave the model open.
 
-M complete models of one class, each with its own initial weights and its own order of the data,
-are taken as M samples of the models that agree with the data (Lakshminarayanan et al., NeurIPS
-2017). A sample of the forecast is a sample of one member, kept over the horizon:
+M complete models of one class have different initial weights and different orders of the data.
+They are taken as M samples of the models that agree with the data (Lakshminarayanan et al.,
+NeurIPS 2017). A sample of the forecast is a sample of one member, kept over the horizon:
 
     p(s_{1:T} | s_0; a_{0:T-1}) = 1/M Σ_m p_m(s_{1:T} | s_0; a_{0:T-1})
 

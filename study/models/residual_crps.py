@@ -9,7 +9,7 @@ from study.models.rnn_ensemble import RnnEnsemble
 
 @models.register("residual_crps")
 class ResidualCrps(MemberBaseline[CrpsSettings], CrpsModel):
-    """ŝ_pred = ε̂_alea + ŷ_m (equation 8) as in the residual VAE, without the VAE.
+    """ŷ_pred = ε̂_alea + ŷ_m (section III-B) as in the residual VAE, without the VAE.
 
     Args:
         normalization, settings: see `Model`.

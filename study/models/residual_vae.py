@@ -9,7 +9,7 @@ from study.models.vae import VaeModel, VaeSettings
 
 @models.register("residual_vae")
 class ResidualVae(MemberBaseline[VaeSettings], VaeModel):
-    """ŝ_pred = ε̂_alea + ŷ_m (equation 8), with m ~ U{0 … M−1} kept over the horizon.
+    """ŷ_pred = ε̂_alea + ŷ_m, with m ~ U{0 … M−1} kept over the horizon.
 
     Args:
         normalization, settings, beta: see `VaeModel`.

@@ -13,7 +13,7 @@ from study.models.rnn_ensemble import RnnEnsemble
 
 @models.register("residual_vae_ensemble")
 class ResidualVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, ResidualVae]):
-    """ŝ_pred = ε̂_alea,j + ŷ_m: J residual VAEs on one ensemble of M recurrent networks.
+    """ŷ_pred = ε̂_alea,j + ŷ_m: J residual VAEs on one ensemble of M recurrent networks.
 
     Each sample has one pair (m, j) over the whole horizon. The pair is sampled as one number
     p ~ U{0 … M·J−1}, with m = p mod M and j = ⌊p / M⌋.

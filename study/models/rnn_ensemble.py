@@ -1,4 +1,4 @@
-"""The deep ensemble of recurrent networks: the epistemic part (section III-A, equation 9)."""
+"""The deep ensemble of recurrent networks: the epistemic part (section III-A, equation 10)."""
 
 from dataclasses import dataclass
 
@@ -69,7 +69,7 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         return self(s0, actions)[scenarios, member]
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
-        """−log p_θ of each member (equation 9), averaged over trajectories, t and dimensions.
+        """−log p_θ of each member (equation 10), averaged over trajectories, t and dimensions.
 
         The batch has a leading axis M: each member has its own order of the data. The first steps
         are teacher forced, which is quick to learn. The later steps train on autoregressive

@@ -61,11 +61,11 @@ class VaeModel(BaselineModel[VaeSettings]):
         baselines = self.baselines(s0, actions, batch.get("members"))
         member = self.sample_training_members(len(s0), baselines.shape[1], s0.device)
         baseline, condition = self.select(baselines, actions, member[:, None])
-        target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (7)
+        target = truth - baseline[:, 1:]  # ε_alea = y_true − ŷ_m, equation (8)
         mean, log_variance = self.cvae.encode(target, states[:, :-1], condition)
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)  # z_t ~ q_φ(z_t | ·)
         history = states[:, :-1] if self.is_teacher_forced(step) else None
-        # ŝ_pred = ε̂_alea + ŷ_m, equation (8)
+        # ŷ_pred = ε̂_alea + ŷ_m, section III-B
         prediction, log_std = self.cvae.decoder(s0, baseline, condition, latent, history)
         loss, nll, divergence, variance = self.cvae.loss(
             truth - prediction, log_std, mean, log_variance, self.beta

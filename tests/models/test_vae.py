@@ -19,7 +19,7 @@ def vae(name: str, **values: Any) -> Any:
 
 
 def test_the_baseline_is_the_sampled_member() -> None:
-    """ŝ_pred = ε̂_alea + ŷ_m (equation 8): a decoder that outputs 0 gives ŷ_m."""
+    """ŷ_pred = ε̂_alea + ŷ_m: a decoder that outputs 0 gives ŷ_m."""
     network = vae("residual_vae")
     states, actions = batch()["states"], batch()["actions"]
     s0 = states[:, 0]
@@ -39,7 +39,7 @@ def test_the_baseline_is_the_sampled_member() -> None:
 
 
 def test_the_target_is_the_residual_to_the_sampled_member(monkeypatch: pytest.MonkeyPatch) -> None:
-    """ε_alea = y_true − ŷ_m, equation (7)."""
+    """ε_alea = y_true − ŷ_m, equation (8)."""
     network, data = vae("residual_vae"), batch()
     data["members"] = torch.randn(8, MEMBERS, HORIZON, STATE)
     member = torch.tensor([0, 1, 2, 0, 1, 2, 0, 1])

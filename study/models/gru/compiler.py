@@ -17,7 +17,7 @@ def find() -> str | None:
     """Path of the C compiler: the first of $CC, cc, gcc and clang that exists.
 
     Returns:
-        None if there is none, or if the environment variable `SWITCH` forbids to use one.
+        None if there is none, or if the environment variable `SWITCH` forbids its use.
     """
     if os.environ.get(SWITCH) == "0":
         return None

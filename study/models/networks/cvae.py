@@ -3,7 +3,7 @@
 Both VAEs of the paper use this network. It generates a *target* x that is added to a *baseline* b:
 ŝ_t = x̂_t + b_t.
 
-- residual VAE: b = ŷ_m, a sampled ensemble member, so that x = ε_alea = y_true − ŷ_m (equation 7);
+- residual VAE: b = ŷ_m, a sampled ensemble member, so that x = ε_alea = y_true − ŷ_m (equation 8);
 - full VAE: b = 0, so that x is the state itself.
 """
 

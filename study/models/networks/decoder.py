@@ -17,9 +17,9 @@ class GaussianDecoder(nn.Module):
         ŝ_{t+1} = b_{t+1} + (ŝ_t − b_t) + u · (h_{t+1} W_o + b_o)       target is its change
         w_{t+1} = tanh(h_{t+1} W_w + b_w)
 
-    σ² has one value for each dimension: the mean squared error of training, where w = 0. w makes
-    the variance heteroscedastic: wind makes a flight less certain, and a ball at rest stays where
-    it is. w is bounded, so that noise that is fed back cannot increase without limit.
+    σ² has one value for each dimension: the mean of the squared errors of training, each divided by
+    exp(2 w). w makes the variance heteroscedastic: wind makes a flight less certain, and a ball at
+    rest stays where it is. w is bounded, so that noise that is fed back cannot grow without limit.
 
     The decoder is causal: nothing at step t depends on a later state, condition or latent variable.
 

@@ -49,9 +49,9 @@ def heteroscedastic_nll(error: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]
 
         E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w,   σ² = E[(s − ŝ)² / e^2w]
 
-    where weights and σ have no gradient. (Seitzer et al., ICLR 2022. Their β, which is not that of
-    equation (12), is ½. Without the weights, a step whose error is first explained as noise has
-    little weight and is never learned.) With w = 0 the value and its gradient by the error are
+    where weights and σ have no gradient (Seitzer et al., ICLR 2022). Their β is ½ here; it is not
+    the β of equation (12). Without the weights, a step whose error is first explained as noise has
+    little influence, and is never learned. With w = 0, the value and its gradient by the error are
     those of `optimal_variance_nll`.
 
     Args:
