@@ -19,6 +19,7 @@ from safetensors.numpy import save_file
 
 from study.common.arrays import Array
 from study.common.errors import StudyError
+from study.common.files import replacing
 
 Arrays = dict[str, Array]
 HEADER_KEY = "study"
@@ -32,7 +33,7 @@ TYPES = {
 READ_SIZE = 2**20
 """Bytes that are hashed together."""
 NO_CHECKSUM = "0" * 64
-"""Stands in the header of an incomplete file; it is as long as a checksum."""
+"""Placeholder in the header until the checksum is known; it has the same length."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +58,13 @@ class Location:
 
 def save_arrays(path: Path, arrays: Arrays, facts: dict[str, Any] | None = None) -> None:
     """Write arrays and a checksum to `path`. The same arrays and facts give the same bytes."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
         digest.update(_array_header(name, array.dtype, array.shape))
         digest.update(array.data if array.size else b"")
-    save_file(arrays, path, {HEADER_KEY: _header_entry(digest.hexdigest(), facts)})
+    with replacing(path) as temporary:
+        save_file(arrays, temporary, {HEADER_KEY: _header_entry(digest.hexdigest(), facts)})
 
 
 def save_parts(
@@ -83,8 +84,7 @@ def save_parts(
     Raises:
         ValueError: the parts differ in shape, or their rows do not add up to `rows`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb+") as file:
+    with replacing(path) as temporary, temporary.open("wb+") as file:
         locations: dict[str, Location] = {}
         shapes: dict[str, tuple[int, ...]] = {}
         done = 0
@@ -102,7 +102,7 @@ def save_parts(
             done += length
         if done != rows:
             raise ValueError(f"{path}: got {done} rows, expected {rows}")
-        # Until here the header holds `NO_CHECKSUM`, so an incomplete file cannot be read.
+        # The checksum replaces `NO_CHECKSUM`, which has the same length.
         _write_header(file, shapes, _header_entry(_checksum(file, locations), facts))
 
 

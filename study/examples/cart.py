@@ -27,7 +27,7 @@ class Cart(Simulator):
     """
 
     # These tables name every number that a model, a file or a figure holds: name, unit, meaning
-    # and, where there are any, the bounds.
+    # and the bounds, if any.
     name, title, version = "cart", "Cart", 1
     state = (Variable("x", "m", "position"), Variable("v", "m/s", "velocity"))
     action = (Variable("force", "N", "push", -1.0, 1.0),)

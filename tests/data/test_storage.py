@@ -73,6 +73,7 @@ def test_the_number_of_rows_is_checked(sizes: list[int], tmp_path: Path) -> None
     whole = {name: np.concatenate([array, array]) for name, array in arrays().items()}
     with pytest.raises(ValueError, match="rows"):
         save_parts(tmp_path / "file", parts(sizes, whole), ROWS)
+    assert not list(tmp_path.iterdir())
     with pytest.raises(StudyError, match="cannot read"):
         load_arrays(tmp_path / "file")
 

@@ -34,6 +34,14 @@ def test_a_program_that_knows_only_gymnasium_can_make_them() -> None:
     assert "success" in done.stdout, done.stderr
 
 
+def test_importing_the_environments_does_not_import_what_pictures_need() -> None:
+    program = "import sys, study.envs; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    modules = done.stdout.split()
+    assert "study.envs.pusher" in modules
+    assert not {"matplotlib", "study.envs.card", "study.envs.rendering"} & set(modules)
+
+
 @pytest.mark.parametrize("name", ["pusher", "uav"])
 def test_check_env_has_no_complaint(name: str) -> None:
     with warnings.catch_warnings():
