@@ -32,6 +32,7 @@ from study.config.names import (
 from study.metrics.brier import skill
 from study.metrics.intervals import difference
 from study.metrics.tables.table import select
+from study.metrics.variance import median_ratio
 
 CELLS = [(environment, level) for environment in ENVIRONMENTS for level in LEVELS]
 VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
@@ -120,7 +121,7 @@ class Study:
         ratios = select(
             self.scores, "variance_ratio", environment, level, model, by="dimension and step"
         )
-        return float(np.nanmedian(ratios[dimension] if dimension else ratios))
+        return median_ratio((ratios[dimension] if dimension else ratios).to_numpy())
 
 
 def tables(results: Path) -> dict[str, Callable[[], str]]:

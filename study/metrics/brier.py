@@ -9,7 +9,8 @@ success where the rollout failed, and as failure where the rollout succeeded.
 
 *Skill* places a mean score between that of the climatology (0) and that of the oracle (1). All
 tables use the function `skill`. The scores of forecaster and oracle must both be fair, or both be
-plain.
+plain. Validation and ablations use fair scores, with `brier_oracle` for the oracle. Tables of
+outcomes and pages use plain scores, with the score of the oracle's samples.
 """
 
 import numpy as np

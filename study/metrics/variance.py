@@ -4,13 +4,20 @@ The simulator can repeat a scenario from the same s_0 and actions, so the true v
 
 A *variance ratio* is forecast variance / true variance, for each step and dimension [T, D]. Both
 variances are averages over scenarios of the unbiased variance within a scenario. Where the true
-variance is negligible the ratio is NaN. There are two summaries of several steps and dimensions:
+variance is negligible the ratio is NaN. Each use has its own summary of steps and dimensions:
 
-- `median_ratio`, in tables and for validation. A few dimensions with a large ratio do not change
-  it.
-- `mean_of_known`, in the rows "all" of scores.parquet.
+==========================  ===================  ==================================================
+use                         steps                summary
+==========================  ===================  ==================================================
+tables of scores, pages     all                  median over seeds, steps and dimensions
+validation, ablations       from `FIRST_STEP`    median over steps and dimensions
+figures                     each                 mean over seeds, then median over dimensions
+claims                      all                  by dimension: mean over steps of the log ratio
+scores.parquet, "all"       all, or each         mean over steps, dimensions or both
+==========================  ===================  ==================================================
 
-Tables of test scores summarise all steps. Validation starts at `FIRST_STEP`.
+The medians of tables and validation are `median_ratio`, which a few large ratios do not change. The
+means of scores.parquet are `mean_of_known`.
 """
 
 from dataclasses import dataclass
