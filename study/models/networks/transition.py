@@ -33,11 +33,11 @@ class TransitionDecoder(nn.Module):
 
         [l, u, v] = [f(ŝ_t), (b_{t+1} − b_t) / δ, c_t, ζ, s_0] W + w
         h_0 = u · silu(v),   h_i = h_{i−1} + silu(h_{i−1} W_i + w_i)
-        o_t = l + h_L O + z_t C + (h_L · z_t P) Q
+        o_t = l + h_L O + z_t R + (h_L · z_t P) Q
         ŝ_{t+1} = min(max(ŝ_t + δ · o_t + b_{t+1} − b_t, s_min), s_max)
 
-    - The product of two linear maps (Shazeer, arXiv:2002.05202) gives squared distances, and
-      velocities of points on rotating bodies, in one layer.
+    - The product of two linear maps (Shazeer, arXiv:2002.05202) gives distances, and velocities of
+      points on rotating bodies, in one layer.
     - The noise z_t of a step multiplies hidden units. So one step is Gaussian, with a variance that
       depends on the state. The persistent noise ζ is an input like the condition.
     - s_0 is an input, since a variable may return to its initial value (a wind to its mean).
@@ -86,7 +86,7 @@ class TransitionDecoder(nn.Module):
         self.layers = StackedLinear(LAYERS, hidden_size, hidden_size)  # W_i, in sequence
         self.output = nn.Linear(2 * hidden_size, self.size, bias=False)  # O and Q
         self.noise_gain = nn.Linear(step_noise_size, hidden_size, bias=False)  # P
-        self.noise_shift = nn.Linear(step_noise_size, self.size, bias=False)  # C
+        self.noise_shift = nn.Linear(step_noise_size, self.size, bias=False)  # R
         with torch.no_grad():
             self.skip.weight.zero_()
             self.skip.bias.zero_()
