@@ -8,6 +8,15 @@ import pytest
 
 from tests.helpers.running import SMALL, SMOKE, Done, run, study
 
+STUDIES = {"smoke", "small"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need a study as slow, since any of them may be the one that runs it."""
+    for item in items:
+        if STUDIES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def smoke(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:

@@ -6,6 +6,7 @@ from study.commands.command import Command, StudyOptions
 from study.commands.terminal import console, say
 from study.config.grid import cells, select
 from study.results.folder import check_writable
+from study.results.publish import why_not_published
 from study.workflow.store import Store
 from study.workflow.task_cache import in_order, record_tasks
 
@@ -25,8 +26,6 @@ class Options(StudyOptions):
 
 def run(options: Options) -> int:
     """Print one line for each stage, and whether the results would be written."""
-    from study.results.publish import why_not_published
-
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
     check_writable(out)

@@ -9,7 +9,9 @@ from study.commands.display import run_displayed
 from study.commands.terminal import console, say
 from study.config.grid import cells, select
 from study.config.settings import Engine
+from study.results import checksums, timings
 from study.results.folder import check_writable, create
+from study.results.publish import publish
 from study.workflow.engine import workers
 from study.workflow.lock import locked
 from study.workflow.store import Store
@@ -28,6 +30,8 @@ examples
   python -m study.run all --grid.models all --grid.seeds '[0, 1]' --name mine
   python -m study.run all --only 'uav/low/*' --tune.trials 12"""
 
+UP_TO_DATE = "everything is up to date, nothing to run"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(StudyOptions):
@@ -37,8 +41,6 @@ class Options(StudyOptions):
 def run(options: Options) -> int:
     """Run the stages that are not up to date, publish, and print the final table."""
     from study.commands.final_table import print_table
-    from study.results import checksums, timings
-    from study.results.publish import publish
 
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
@@ -53,19 +55,15 @@ def run(options: Options) -> int:
         due = {task: why for task in tasks if (why := store.why_not(task)) is not None}
         for task, why in due.items():
             if why.startswith("damaged"):
-                say(terminal, f"{task.name}: {why}; it is made again")
+                say(terminal, f"{task.name}: {why}; it runs again")
         errors = run_due(list(due), config.engine, store, terminal) if due else {}
         changed = publish(config, records, store, out)
         if due or changed:
             timings.write(in_order(records.values()), store, config, out)
             checksums.write(out)
         if not due:
-            news = (
-                "no stage to run, results written again"
-                if changed
-                else "everything is up to date, nothing to run"
-            )
-            say(terminal, f"{out}: {news}")
+            written = "no stage to run, results written again"
+            say(terminal, f"{out}: {written if changed else UP_TO_DATE}")
         print_table(terminal, config, records, store, errors, out)
     return 1 if errors else 0
 

@@ -95,7 +95,7 @@ def check_recordings(results: Results) -> Check:
         try:
             integrity.check(path)
         except StudyError as error:
-            return Check("recordings", False, str(error))
+            return Check("recordings", False, f"{error}; {REMEDY}")
     return Check("recordings", True, f"{len(paths)} recordings match their checksums")
 
 

@@ -114,7 +114,7 @@ def test_help_explains_each_command(name: str, capsys: pytest.CaptureFixture[str
 
 
 def test_the_examples_of_each_help_are_valid() -> None:
-    """They are parsed, not run; `ablate` alone looks at its list later."""
+    """They are parsed, not run; the list of `ablate` is checked when it runs."""
     for command in COMMANDS.values():
         lines = [line.strip() for line in command.details.splitlines()]
         examples = [line for line in lines if line.startswith("python -m study.run ")]

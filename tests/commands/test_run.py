@@ -1,4 +1,4 @@
-"""What the command line says of errors of the operating system."""
+"""Errors of the operating system on the command line."""
 
 import errno
 import os

@@ -81,9 +81,9 @@ def test_every_task_leaves_its_numbers(small: Path) -> None:
         assert timings["peak_memory"].keys() == tasks
         assert min(timings["peak_memory"].values()) > 10 * MEGABYTE
     text = study("status", *SMALL, "--out", small).out
-    whole = text.splitlines()[-3].split()
-    assert (whole[:2], whole[4]) == (["all", str(len(tasks))], "100%")
-    assert UNKNOWN not in whole[:5]
+    total = text.splitlines()[-3].split()
+    assert (total[:2], total[4]) == (["all", str(len(tasks))], "100%")
+    assert UNKNOWN not in total[:5]
     assert "from first start to last end; 1 core, " in text
 
 
@@ -95,10 +95,10 @@ def test_results_of_earlier_versions_show(copied: Path) -> None:
     (copied / "timings.json").write_text("{}")
     done = study("status", *SMALL, "--out", copied)
     assert done.code == 0
-    (whole,) = [line.split() for line in done.out.splitlines() if line.strip().startswith("all ")][
+    (total,) = [line.split() for line in done.out.splitlines() if line.strip().startswith("all ")][
         1:
     ]
-    assert (whole[1], whole[3:]) == (str(len(paths)), ["–", "100%", "–"])
+    assert (total[1], total[3:]) == (str(len(paths)), ["–", "100%", "–"])
     assert "busy" not in done.out
     assert done.out.endswith("from first start to last end\n")
     part = study("status", *SMALL, "--out", copied, "--only", "*/drift/*")

@@ -1,4 +1,4 @@
-"""What `view` opens, and what it says where there is nothing to open."""
+"""Which recording `view` opens, and its errors."""
 
 import json
 from pathlib import Path

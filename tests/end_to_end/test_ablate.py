@@ -36,9 +36,9 @@ def test_a_table_of_changes(tmp_path: Path) -> None:
         "validate": 4,
     }
     assert "evaluate" not in stages
-    again = study(*given)
-    assert again.code == 0
-    assert "to run" not in again.out
+    repeated = study(*given)
+    assert repeated.code == 0
+    assert "to run" not in repeated.out
     assert (tmp_path / "out" / "README.md").read_text() == page
 
 

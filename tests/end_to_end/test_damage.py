@@ -44,7 +44,7 @@ def test_an_artifact(
     assert due[1] == f"damaged: {path}"
     done = study("all", *SMALL, "--out", copied)
     assert done.code == 0
-    assert f"{due[0]}: damaged: {path}; it is made again\n" in done.out
+    assert f"{due[0]}: damaged: {path}; it runs again\n" in done.out
     assert "\n[1/1] " in done.out
     assert study("plan", *SMALL, "--out", copied).due() == {}
     assert results(copied) == results(small)
@@ -71,10 +71,10 @@ def test_an_artifact(
 )
 def test_a_result(copied: Path, small: Path, name: str, harm: Callable[[Path], None]) -> None:
     harm(copied / name)
-    said = study("plan", *SMALL, "--out", copied)
-    assert said.due() == {}
-    assert said.out.splitlines()[-1].startswith("0 of 14 stages to run; results: ")
-    assert name == "work/summary.json" or str(copied / name) in said.out
+    planned = study("plan", *SMALL, "--out", copied)
+    assert planned.due() == {}
+    assert planned.out.splitlines()[-1].startswith("0 of 14 stages to run; results: ")
+    assert name == "work/summary.json" or str(copied / name) in planned.out
     done = study("all", *SMALL, "--out", copied)
     assert done.code == 0
     assert f"{copied}: no stage to run, results written again\n" in done.out
@@ -92,6 +92,6 @@ def test_results_of_cells_that_leave_the_grid_are_removed(copied: Path) -> None:
     curves = entities(copied / "recordings" / "study.rrd")
     assert [name for name in curves if "drift" in name]
     assert not [name for name in curves if "full_vae" in name]
-    again = study("all", *SMALL, "--out", copied)
-    assert again.out.startswith(f"{copied}: no stage to run, results written again\n")
+    restored = study("all", *SMALL, "--out", copied)
+    assert restored.out.startswith(f"{copied}: no stage to run, results written again\n")
     assert [name for name in published(copied) if "full_vae" in name]

@@ -55,8 +55,8 @@ def test_a_worker_that_dies_and_two_workers_give_the_same_bytes(
     done = run("all", *BOTH, *dask, "--out", tmp_path, QUICKSAND="exit")
     _check_the_others_finished(done, tmp_path, "the worker was lost")
     assert done.err == ""
-    again = study("all", *SMALL, "--out", tmp_path)
-    assert again.out.startswith(f"{tmp_path}: no stage to run, results written again\n")
+    repeated = study("all", *SMALL, "--out", tmp_path)
+    assert repeated.out.startswith(f"{tmp_path}: no stage to run, results written again\n")
     assert results(tmp_path) == results(small)
 
 

@@ -9,6 +9,7 @@ from study.common.files import read_json, write_json
 from study.results import checksums
 from tests.helpers.running import SMALL, files, results, study
 
+pytestmark = pytest.mark.slow
 APART = ("[1]", "[0]")
 
 

@@ -80,11 +80,12 @@ def test_a_search_goes_on_where_it_was(tmp_path: Path, small: Path) -> None:
     entries = [json.loads(line) for line in journal.read_text().splitlines()]
     assert entries[: len(begun)] == begun
     (tuned,) = tmp_path.glob("work/tune/*/tuning.json")
-    (whole,) = small.glob("work/tune/*/tuning.json")
-    assert tuned.read_bytes() == whole.read_bytes()
+    (uninterrupted,) = small.glob("work/tune/*/tuning.json")
+    assert tuned.read_bytes() == uninterrupted.read_bytes()
     assert results(tmp_path) == results(small)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROCESSES.is_dir(), reason="the system has no /proc")
 def test_workers_end_with_the_run(tmp_path: Path) -> None:
     _kill_when(_training, tmp_path, "--engine.kind=dask", "--engine.workers=2")

@@ -1,4 +1,4 @@
-"""The whole study at toy size, as a user runs it; then again, and with one setting changed."""
+"""A study of toy size as a user runs it, once more without changes, and with one change."""
 
 import json
 import re
@@ -26,7 +26,7 @@ LINE = re.compile(
     r"66 stages to run, \d+ at a time; results in .*"
     r"|\[\d+/66\] (collect|record_data|ensemble|tune|train|evaluate|record) +\S+  \d+\.\d s"
     r"|(claims|tables|figures|recordings) +\S+"
-    r"|  … .*"  # a slow machine is heard of every minute
+    r"|  … .*"  # on a slow machine, a line every minute
 )
 
 
@@ -51,14 +51,14 @@ def test_scores_hold_every_cell(smoke: tuple[Path, Done]) -> None:
     assert list(scores.columns) == columns.split()
     found = scores[["environment", "level", "model", "seed"]].drop_duplicates()
     assert {Cell(*row) for row in found.itertuples(index=False)} == set(GRID)
-    whole = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
+    overall = scores[(scores.dimension == "all") & (scores.step == -1) & (scores.scenario == -1)]
     for metric in ("mmd2", "brier"):
-        values = whole[whole.metric == metric].value
+        values = overall[overall.metric == metric].value
         assert len(values) == len(GRID)
         assert np.isfinite(values).all()
-    assert whole[whole.metric == "brier"].value.between(0, 1).all()
-    mmd2 = whole[whole.metric == "mmd2"].set_index("model").value
-    # Barely trained models are told from the system; the system is not told from itself.
+    assert overall[overall.metric == "brier"].value.between(0, 1).all()
+    mmd2 = overall[overall.metric == "mmd2"].set_index("model").value
+    # Barely trained models differ from the system; the system does not differ from itself.
     assert mmd2["oracle"].max() < 0.2 < mmd2.drop(list(REFERENCES)).min()
 
 
@@ -126,9 +126,9 @@ def test_the_recording_of_the_whole_study(smoke: tuple[Path, Done]) -> None:
 def test_again_runs_nothing_and_changes_nothing(smoke: tuple[Path, Done]) -> None:
     out, _ = smoke
     before = files(out)
-    again = study("all", *SMOKE, "--out", out)
-    assert again.code == 0
-    assert again.out.startswith(f"{out}: everything is up to date, nothing to run\n")
+    repeated = study("all", *SMOKE, "--out", out)
+    assert repeated.code == 0
+    assert repeated.out.startswith(f"{out}: everything is up to date, nothing to run\n")
     assert files(out) == before
 
 
@@ -172,9 +172,9 @@ def test_figures_again_from_the_results_alone(smoke: tuple[Path, Done], tmp_path
         (tmp_path / copied).write_bytes((out / copied).read_bytes())
     done = study("figures", *SMOKE, "--out", tmp_path)
     assert done.code == 0
-    drawn = {Path(line).relative_to(tmp_path) for line in done.out.splitlines()}
+    plotted = {Path(line).relative_to(tmp_path) for line in done.out.splitlines()}
     expected = {Path(name) for name in published(out) if name.startswith(("tables", "figures"))}
-    assert drawn == expected
+    assert plotted == expected
     for name in expected:
         if name.parent.name == "tables":
             assert (tmp_path / name).read_bytes() == (out / name).read_bytes()
@@ -190,8 +190,8 @@ def test_the_parquet_file_is_plain(smoke: tuple[Path, Done]) -> None:
     assert str(schema.field("value").type) == "double"
 
 
-def test_of_chosen_cells_alone_are_weights_and_recordings_published(copied: Path) -> None:
-    """All scores stay; what is not there is named, with what is; it can be undone."""
+def test_weights_and_recordings_of_chosen_cells_are_published(copied: Path) -> None:
+    """All scores stay. Errors name the cells that have weights. The choice can be undone."""
     first, other = "cart/low/full_vae/seed-0", "cart/low/drift/seed-0"
     before = published(copied)
     given = ("all", *SMALL, "--out", copied)
@@ -222,7 +222,7 @@ def test_scores_are_published_to_single_precision(smoke: tuple[Path, Done]) -> N
 
 
 def test_only_chosen_forecast_recordings_are_published(copied: Path) -> None:
-    """The others stay in work/; nothing else changes, nothing runs again, and it can be undone."""
+    """The others stay in work/. Nothing else changes, no stage runs, and it can be undone."""
     first, other = "cart/low/full_vae/seed-0", "cart/low/drift/seed-0"
     recordings, before = copied / "recordings", files(copied, "recordings/*/**/*", "weights/**/*")
     given = ("all", *SMALL, "--out", copied)

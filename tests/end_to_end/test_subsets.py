@@ -91,16 +91,17 @@ def _copy_without_test(small: Path, tmp_path: Path, tasks: list[Task]) -> Store:
 
 
 def test_what_learns_never_opens_the_test_set(small: Path, tmp_path: Path) -> None:
-    whole = Store(small / "work")
+    uninterrupted = Store(small / "work")
     config = configuration(*SMALL)
-    tasks = in_order(record_tasks(config, whole).values())
+    tasks = in_order(record_tasks(config, uninterrupted).values())
     store = _copy_without_test(small, tmp_path, tasks)
     learning = [task for task in tasks if task.stage in ("ensemble", "tune", "train")]
     assert len(learning) == 4
     for task in learning:
         assert execute(task, store.root, 1).error is None
-        made, expected = (read_json(s.folder(task) / MANIFEST)["files"] for s in (store, whole))
+        stores = (store, uninterrupted)
+        found, expected = (read_json(s.folder(task) / MANIFEST)["files"] for s in stores)
         for name in ("ensemble.safetensors", "tuning.json", "model.safetensors", "fit.json"):
-            assert made.get(name) == expected.get(name)
+            assert found.get(name) == expected.get(name)
     scored = next(task for task in tasks if task.stage == "evaluate")
     assert "test.safetensors" in str(execute(scored, store.root, 1).error)

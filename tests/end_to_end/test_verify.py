@@ -50,7 +50,6 @@ def harmed(light: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(light, tmp_path / "harmed"))
 
 
-@pytest.mark.slow
 def test_it_passes_without_a_work_folder(light: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in light.rglob("*")}
     done = study("verify", light, "--rerun", CELL)
@@ -122,7 +121,6 @@ def test_damage_is_reported_and_the_rest_is_checked(harmed: Path) -> None:
     assert "not plotted again" in lines[3]
 
 
-@pytest.mark.slow
 def test_a_forged_file_with_its_checksum_differs_from_the_scores(harmed: Path) -> None:
     change_score(harmed)
     table = harmed / "tables" / "outcomes_cart.md"
@@ -139,7 +137,6 @@ def test_a_forged_file_with_its_checksum_differs_from_the_scores(harmed: Path) -
     assert "0.01" in found["scores"]
 
 
-@pytest.mark.slow
 def test_with_a_work_folder_its_test_set_is_used(copied: Path) -> None:
     done = study("verify", copied, "--rerun", CELL)
     assert done.code == 0
@@ -147,7 +144,6 @@ def test_with_a_work_folder_its_test_set_is_used(copied: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["SHA256SUMS", "timings.json"])
-@pytest.mark.slow
 def test_a_missing_file_is_written_again(copied: Path, name: str) -> None:
     (copied / name).unlink()
     planned = study("plan", *SMALL, "--out", copied).out.splitlines()[-1]
