@@ -12,7 +12,9 @@ from study.commands.parser import parse
 from study.common.errors import StudyError, explain
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C: 128 + SIGINT, as of shells."""
+"""Exit code after Ctrl-C: 128 + SIGINT, as in shells."""
+CLOSED_PIPE = 141
+"""Exit code when the reader of a pipe has ended: 128 + SIGPIPE, as in shells."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,7 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
         arguments: the command line without the name of the program; None for that of the process.
 
     Returns:
-        the exit code: 0 all is well, 1 something failed, 2 the input is wrong, 130 interrupted.
+        the exit code: 0 all is well, 1 something failed, 2 the input is wrong, 130 interrupted,
+        141 the reader of a pipe, such as `head`, has ended.
     """
     try:
         return _run(sys.argv[1:] if arguments is None else arguments)
@@ -51,12 +54,13 @@ def _run(arguments: list[str]) -> int:
 
 
 def _close_output() -> int:
-    """End quietly after the reader of a pipe, such as `head`, has ended.
+    """Make standard output the null device, since Python flushes it on exit and would fail again.
 
-    Standard output becomes the null device: Python flushes it on exit, which would fail again.
+    Returns:
+        the exit code.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    return CLOSED_PIPE
 
 
 if __name__ == "__main__":

@@ -116,7 +116,7 @@ def test_two_runs_on_one_folder(copied: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [["status"], ["figures"], ["view", "cart/low/drift/seed-0"]])
-def test_a_folder_that_is_not_there(command: list[str], tmp_path: Path) -> None:
+def test_a_missing_folder(command: list[str], tmp_path: Path) -> None:
     out = tmp_path / "nowhere"
     done = study(*command, *SMALL, "--out", out)
     assert done.code in (1, 2)

@@ -119,7 +119,7 @@ def test_what_is_printed_and_recorded(shipped: Path, tmp_path: Path) -> None:
     assert "/scenario_2/position_std" in found
 
 
-def test_without_an_ensemble_there_is_no_split(shipped: Path, tmp_path: Path) -> None:
+def test_without_an_ensemble_the_variance_has_no_parts(shipped: Path, tmp_path: Path) -> None:
     cell = "uav/high/full_vae/seed-0"
     given = ["--cell", cell, "--scenario", 0, "--out", shipped, "--save", tmp_path / "a.rrd"]
     done = study("forecast", *given)

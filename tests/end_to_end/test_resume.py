@@ -55,7 +55,7 @@ def _kill_when(reached: Callable[[Path], bool], out: Path, *extra: str) -> None:
         process.communicate()
 
 
-def test_killed_again_and_again(tmp_path: Path, small: Path) -> None:
+def test_killed_at_several_moments(tmp_path: Path, small: Path) -> None:
     out = tmp_path / "results"
     for reached in (_tuning, _evaluating, _publishing):
         _kill_when(reached, out)
@@ -72,7 +72,7 @@ def test_killed_again_and_again(tmp_path: Path, small: Path) -> None:
     assert study("all", *SMALL, "--out", out).out.startswith(f"{out}: everything is up to date")
 
 
-def test_a_search_goes_on_where_it_was(tmp_path: Path, small: Path) -> None:
+def test_a_search_resumes_where_it_stopped(tmp_path: Path, small: Path) -> None:
     _kill_when(_tuning, tmp_path)
     begun = _entries(tmp_path)
     assert run("all", *SMALL, "--out", tmp_path).code == 0

@@ -90,7 +90,7 @@ def _copy_without_test(small: Path, tmp_path: Path, tasks: list[Task]) -> Store:
     return store
 
 
-def test_what_learns_never_opens_the_test_set(small: Path, tmp_path: Path) -> None:
+def test_stages_that_fit_never_open_the_test_set(small: Path, tmp_path: Path) -> None:
     uninterrupted = Store(small / "work")
     config = configuration(*SMALL)
     tasks = in_order(record_tasks(config, uninterrupted).values())

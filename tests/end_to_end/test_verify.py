@@ -45,9 +45,9 @@ def light(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def harmed(light: Path, tmp_path: Path) -> Path:
+def damaged(light: Path, tmp_path: Path) -> Path:
     """A copy of it, to be damaged."""
-    return Path(shutil.copytree(light, tmp_path / "harmed"))
+    return Path(shutil.copytree(light, tmp_path / "damaged"))
 
 
 def test_it_passes_without_a_work_folder(light: Path) -> None:
@@ -71,7 +71,7 @@ def test_other_programs_can_read_the_checksums(light: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "harm", "problem"),
+    ("name", "damage", "problem"),
     [
         ("scores.parquet", flip, "damaged"),
         ("trials.parquet", flip, "damaged"),
@@ -90,43 +90,43 @@ def test_other_programs_can_read_the_checksums(light: Path) -> None:
         ("SHA256SUMS", lambda path: path.write_text("nonsense\n"), "damaged"),
     ],
 )
-def test_a_harmed_file_is_named(
-    harmed: Path, name: str, harm: Callable[[Path], object], problem: str
+def test_a_damaged_file_is_named(
+    damaged: Path, name: str, damage: Callable[[Path], object], problem: str
 ) -> None:
-    assert checksums.problems(harmed) == []
-    harm(harmed / name)
-    assert checksums.problems(harmed) == [f"{problem}: {harmed / name}"]
+    assert checksums.problems(damaged) == []
+    damage(damaged / name)
+    assert checksums.problems(damaged) == [f"{problem}: {damaged / name}"]
 
 
-def test_a_file_that_is_not_of_the_study(harmed: Path) -> None:
-    add_one(harmed / "tables" / "brier_cart.md")
-    (harmed / "notes.md").write_text("notes beside the results")
-    (harmed / "tables" / ".hidden").touch()
-    (line,) = checksums.problems(harmed)
-    assert line == f"not listed in SHA256SUMS: {harmed / 'tables' / 'another.md'}"
+def test_a_file_that_is_not_of_the_study(damaged: Path) -> None:
+    add_one(damaged / "tables" / "brier_cart.md")
+    (damaged / "notes.md").write_text("notes beside the results")
+    (damaged / "tables" / ".hidden").touch()
+    (line,) = checksums.problems(damaged)
+    assert line == f"not listed in SHA256SUMS: {damaged / 'tables' / 'another.md'}"
 
 
-def test_damage_is_reported_and_the_rest_is_checked(harmed: Path) -> None:
-    recording = harmed / "recordings" / CELL / "scores.rrd"
+def test_damage_is_reported_and_the_rest_is_checked(damaged: Path) -> None:
+    recording = damaged / "recordings" / CELL / "scores.rrd"
     flip(recording)
-    flip(harmed / "scores.parquet")
-    done = study("verify", harmed)
+    flip(damaged / "scores.parquet")
+    done = study("verify", damaged)
     assert (done.code, done.err) == (1, "")
     lines = done.out.splitlines()
     assert [line.split()[:2] for line in lines] == [
         ["DIFFERS", name] for name in ("files", "files", "recordings", "figures")
     ]
     assert f"damaged: {recording}" in lines[0]
-    assert f"damaged: {harmed / 'scores.parquet'}" in lines[1]
+    assert f"damaged: {damaged / 'scores.parquet'}" in lines[1]
     assert "not plotted again" in lines[3]
 
 
-def test_a_forged_file_with_its_checksum_differs_from_the_scores(harmed: Path) -> None:
-    change_score(harmed)
-    table = harmed / "tables" / "outcomes_cart.md"
+def test_a_forged_file_with_its_checksum_differs_from_the_scores(damaged: Path) -> None:
+    change_score(damaged)
+    table = damaged / "tables" / "outcomes_cart.md"
     table.write_text(table.read_text().replace("0.", "1.", 1))
-    checksums.write(harmed)
-    done = study("verify", harmed, "--rerun", "cart/low/drift/seed-0")
+    checksums.write(damaged)
+    done = study("verify", damaged, "--rerun", "cart/low/drift/seed-0")
     assert done.code == 1
     found = {line.split()[1]: line for line in done.out.splitlines()}
     assert found["files"].startswith("ok")
@@ -173,25 +173,25 @@ def test_bad_input_gets_one_line(
 
 
 @pytest.mark.parametrize("text", ["{", "{}", '{"format": 1, "settings": 7}'])
-def test_a_damaged_study(harmed: Path, text: str) -> None:
-    (harmed / "study.json").write_text(text)
-    done = study("verify", harmed)
+def test_a_damaged_study(damaged: Path, text: str) -> None:
+    (damaged / "study.json").write_text(text)
+    done = study("verify", damaged)
     assert done.code == 1
-    assert f"{harmed / 'study.json'} is damaged" in done.err
+    assert f"{damaged / 'study.json'} is damaged" in done.err
     assert done.err.count("\n") == 1
 
 
-def test_a_study_with_a_setting_that_is_gone(harmed: Path) -> None:
-    (harmed / "study.json").write_text('{"format": 1, "settings": {"nam": "x"}}')
-    done = study("verify", harmed)
+def test_a_study_with_an_unknown_setting(damaged: Path) -> None:
+    (damaged / "study.json").write_text('{"format": 1, "settings": {"nam": "x"}}')
+    done = study("verify", damaged)
     assert done.code == 2
     assert "made by another version of the study: unknown setting 'nam'" in done.err
     assert done.err.count("\n") == 1
 
 
-def test_a_study_of_another_version(harmed: Path) -> None:
-    path = harmed / "study.json"
+def test_a_study_of_another_version(damaged: Path) -> None:
+    path = damaged / "study.json"
     path.write_text(path.read_text().replace('"format": 1', '"format": 0'))
-    done = study("verify", harmed)
+    done = study("verify", damaged)
     assert done.code == 2
     assert "made by another version of the study (its format is 0, this version has 1)" in done.err
