@@ -40,7 +40,7 @@ dimensions of the state. MMD², the maximum mean discrepancy, compares forecast 
 after the same actions. Lower is better: it is 0 if both have the same distribution. An estimate can
 fall below 0 by chance.
 
-The panel *Legend* names the colours. Some lines are no models of the paper:
+The panel *Legend* names the colours. Some lines are references to compare with:
 
 - *Oracle*: forecasts by the simulator itself. No model can be better.
 - *Ensemble alone*: the recurrent networks without a model of the noise.

@@ -22,10 +22,9 @@ TUNING = Picture("tuning", "tuning.rrd", (("Score of each *",), ("README",)), (2
 def test_a_committed_picture_is_of_the_committed_results(picture: Picture) -> None:
     path = pictures.FOLDER / f"{picture.name}.png"
     texts = read_texts(path)
-    assert texts.get(pictures.RECORDING) == picture.recording
-    assert texts[pictures.CHECKSUM] == read_checksum(PAPER / picture.recording), (
-        f"{path.name} shows another recording: make pictures"
-    )
+    expected = (picture.recording, read_checksum(PAPER / picture.recording))
+    found = (texts.get(pictures.RECORDING), texts.get(pictures.CHECKSUM))
+    assert found == expected, f"{path.name} shows another recording: make pictures"
     with Image.open(path) as image:
         assert image.size == (pictures.WIDTH, picture.height)
 
