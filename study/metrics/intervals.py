@@ -18,7 +18,7 @@ from study.common.arrays import Array, Doubles
 
 RESAMPLES = 2000
 """Bootstrap resamples."""
-LEVEL = 0.95
+PROBABILITY = 0.95
 """Probability of an interval."""
 
 
@@ -68,9 +68,9 @@ def _shares(seeds: int, scenarios: int, resamples: int, seed: int) -> tuple[Doub
     return by_seed / seeds, by_scenario / scenarios
 
 
-def percentiles(means: Array, level: float = LEVEL) -> tuple[Array, Array]:
+def percentiles(means: Array, probability: float = PROBABILITY) -> tuple[Array, Array]:
     """The ends, each [...], of the central interval of bootstrap means [B, ...]."""
-    ends = [(1 - level) / 2, (1 + level) / 2]
+    ends = [(1 - probability) / 2, (1 + probability) / 2]
     # Interpolation between an infinite and a finite mean is not defined.
     if not np.isfinite(means).all():
         low, high = np.quantile(means, ends, axis=0, method="inverted_cdf")
@@ -80,17 +80,17 @@ def percentiles(means: Array, level: float = LEVEL) -> tuple[Array, Array]:
 
 
 def interval(
-    values: Array, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
+    values: Array, probability: float = PROBABILITY, resamples: int = RESAMPLES, seed: int = 0
 ) -> Interval:
     """The mean of values [seeds, S] and its interval; other arguments as of `resampled_means`."""
-    low, high = percentiles(resampled_means(values, resamples, seed), level)
+    low, high = percentiles(resampled_means(values, resamples, seed), probability)
     return Interval(float(np.mean(values)), float(low), float(high), *np.shape(values))
 
 
 def difference(
     first: Array,
     second: Array,
-    level: float = LEVEL,
+    probability: float = PROBABILITY,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Interval:
@@ -99,8 +99,8 @@ def difference(
     Args:
         first: [seeds, S].
         second: [seeds, S], on the same seeds and scenarios.
-        level: probability of the interval.
+        probability: of the interval.
         resamples: of the bootstrap.
         seed: of the random numbers.
     """
-    return interval(np.asarray(first) - np.asarray(second), level, resamples, seed)
+    return interval(np.asarray(first) - np.asarray(second), probability, resamples, seed)

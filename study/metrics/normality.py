@@ -26,7 +26,7 @@ from study.common.seeds import derive
 from study.metrics.dip import dip
 
 SIMULATIONS = 2000
-"""Simulated samples under the hypothesis: enough for p-values far below the usual levels."""
+"""Simulated samples under the hypothesis: enough for p-values far below the usual significance."""
 
 RESOLUTION = 1e-6
 """Smallest standard deviation that is not rounding, as a share of the largest coordinate."""
@@ -37,21 +37,23 @@ BLOCK = 2_000_000
 
 @dataclass(frozen=True)
 class Rejections:
-    """How many of `scenarios` hypotheses are rejected at `level`, each by its own test."""
+    """How many of `scenarios` hypotheses are rejected, each by its own test."""
 
     count: int
     scenarios: int
-    level: float
+    significance: float
 
     @property
     def expected(self) -> float:
         """Expected number of rejections if every hypothesis is true, at most."""
-        return self.level * self.scenarios
+        return self.significance * self.scenarios
 
 
-def count_rejections(p_values: Array, level: float = 0.01) -> Rejections:
-    """Count the scenarios whose p-value [S] is at most `level`."""
-    return Rejections(int(np.sum(np.asarray(p_values) <= level)), len(p_values), level)
+def count_rejections(p_values: Array, significance: float = 0.01) -> Rejections:
+    """Count the scenarios whose p-value [S] is at most `significance`."""
+    return Rejections(
+        int(np.sum(np.asarray(p_values) <= significance)), len(p_values), significance
+    )
 
 
 def not_gaussian(points: Array) -> Doubles:
@@ -92,7 +94,7 @@ def not_unimodal(points: Array) -> Doubles:
     test can miss modes that differ in another direction. Points that are all equal have p = 1.
 
     The choice of the direction with the largest variance could increase false rejections. A test of
-    this module shows that Gaussian and uniform samples are rejected less often than the level.
+    this module shows that Gaussian and uniform samples are rejected less often than the significance level.
 
     Raises:
         ValueError: a value that is not finite.

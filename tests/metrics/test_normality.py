@@ -246,7 +246,7 @@ def test_principal_is_the_direction_of_greatest_variance() -> None:
 
 
 def test_rejections_are_counted_beside_the_number_by_chance() -> None:
-    result = count_rejections(np.array([0.001, 0.01, 0.02, 0.5]), level=0.01)
+    result = count_rejections(np.array([0.001, 0.01, 0.02, 0.5]), significance=0.01)
     assert (result.count, result.scenarios, result.expected) == (2, 4, pytest.approx(0.04))
 
 

@@ -39,7 +39,7 @@ from study.metrics.variance import (
     variance_ratio,
 )
 
-LEVELS = (50, 80, 90)
+INTERVALS = (50, 80, 90)
 """Probabilities of the central intervals, in per cent."""
 
 
@@ -90,8 +90,8 @@ def _proper(
 def _calibration(forecast: Array, observed: Array, dimensions: Array) -> list[pd.DataFrame]:
     ranks = rank_histogram(forecast, observed)
     rows = []
-    for level in LEVELS:
-        metric, covered = f"coverage_{level}", coverage(ranks, level / 100)
+    for percent in INTERVALS:
+        metric, covered = f"coverage_{percent}", coverage(ranks, percent / 100)
         rows += [
             by_dimension(metric, covered.mean(0), dimensions),
             by_step(metric, covered.mean(1)),
