@@ -93,8 +93,9 @@ def not_unimodal(points: Array) -> Doubles:
     the largest dip in the limit of many points, so the test is conservative for all others. The
     test can miss modes that differ in another direction. Points that are all equal have p = 1.
 
-    The choice of the direction with the largest variance could increase false rejections. A test of
-    this module shows that Gaussian and uniform samples are rejected less often than the significance level.
+    The choice of the direction with the largest variance could increase false rejections. The tests
+    of this module show that the rejection rate of Gaussian and uniform samples stays below the
+    significance level.
 
     Raises:
         ValueError: a value that is not finite.
