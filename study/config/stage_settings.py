@@ -16,7 +16,6 @@ class CollectSettings:
     """Stage collect: observe one environment."""
 
     environment: str
-    environment_version: int
     collect: Collect
 
 
@@ -56,14 +55,12 @@ class TrainSettings:
     Attributes:
         training: the training trajectories.
         model: registered name of the model.
-        model_version: version of its class.
         model_settings: JSON of the class's `settings_class`.
         seed: of initial weights, order of the data and sampling.
     """
 
     training: TrainingSet
     model: str
-    model_version: int
     model_settings: Mapping[str, Any]
     seed: int
 
@@ -81,7 +78,6 @@ class ValidateSettings:
     """Stage validate: scores on the validation scenarios."""
 
     environment: str
-    environment_version: int
     seed: int
     samples: int
 
@@ -91,7 +87,6 @@ class EvaluateSettings:
     """Stage evaluate: forecasts of the test scenarios, and their scores."""
 
     environment: str
-    environment_version: int
     model: str
     seed: int
     evaluate: Evaluate

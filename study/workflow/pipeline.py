@@ -3,11 +3,13 @@
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
        └─► record_data ────────────────────────────────────►┘
 
-A task depends on the settings that it is given here and on its input tasks, and on nothing else.
-What several cells share (data, an ensemble) is one task. This module alone of the room asks the
-registries of environments and models.
+A task depends on the settings that it is given here, on its input tasks, and on the source of its
+stage and of the environment and model that it uses. It depends on nothing else. What several cells
+share (data, an ensemble) is one task. This module alone of the room asks the registries of
+environments and models.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -27,19 +29,8 @@ from study.config.stage_settings import (
 )
 from study.envs import simulators
 from study.models import models
+from study.workflow.source import reached
 from study.workflow.task import Task
-
-STAGE_VERSIONS = {
-    "collect": 4,
-    "ensemble": 3,
-    "tune": 3,
-    "train": 3,
-    "validate": 2,
-    "evaluate": 3,
-    "record": 8,
-    "record_data": 5,
-}
-"""Raise a stage's number whenever its code changes what it writes."""
 
 
 class Pipeline:
@@ -58,9 +49,8 @@ class Pipeline:
 
     def collect(self, environment: str) -> Task:
         """The data of one environment, shared by all its cells."""
-        version = simulators[environment].version
-        settings = CollectSettings(environment, version, self.config.collect)
-        return self._task("collect", environment, settings)
+        settings = CollectSettings(environment, self.config.collect)
+        return self._task("collect", environment, settings, [simulators[environment]])
 
     def ensemble(self, cell: Cell) -> Task:
         """The M recurrent networks of one environment, level and seed."""
@@ -73,25 +63,26 @@ class Pipeline:
     def tune(self, cell: Cell) -> Task:
         """The search for β of one cell."""
         settings = TuneSettings(self._fit(cell, "tune"), self.config.tune)
-        return self._task("tune", cell.name, settings, **self._sources(cell))
+        return self._task("tune", cell.name, settings, [models[cell.model]], **self._sources(cell))
 
     def train(self, cell: Cell) -> Task:
         """The fit of one cell's model."""
         inputs = self._sources(cell)
         if models[cell.model].tunes_beta:
             inputs["tuning"] = self.tune(cell)
-        return self._task("train", cell.name, self._fit(cell, "train"), **inputs)
+        settings = self._fit(cell, "train")
+        return self._task("train", cell.name, settings, [models[cell.model]], **inputs)
 
     def validate(self, cell: Cell) -> Task:
         """Scores of one cell's model on validation scenarios, for `ablate`."""
         settings = ValidateSettings(
             cell.environment,
-            simulators[cell.environment].version,
             derive(cell.environment, cell.seed, "validation forecasts"),
             self.config.evaluate.samples,
         )
         inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
-        return self._task("validate", cell.name, settings, **inputs)
+        classes = [simulators[cell.environment], models[cell.model]]
+        return self._task("validate", cell.name, settings, classes, **inputs)
 
     def evaluate(self, cell: Cell) -> Task:
         """Forecasts of the test scenarios and their scores.
@@ -100,23 +91,25 @@ class Pipeline:
         """
         settings = EvaluateSettings(
             cell.environment,
-            simulators[cell.environment].version,
             cell.model,
             derive(cell.environment, cell.model, cell.seed, "forecasts"),
             self.config.evaluate,
         )
         inputs = {"data": self.collect(cell.environment)}
+        classes: list[type] = [simulators[cell.environment]]
         if cell.model == "ensemble":
             inputs["ensemble"] = self.ensemble(cell)
         elif not cell.is_reference:
             inputs["trained"] = self.train(cell)
+            classes.append(models[cell.model])
         label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
-        return self._task("evaluate", label, settings, **inputs)
+        return self._task("evaluate", label, settings, classes, **inputs)
 
     def record_data(self, environment: str) -> Task:
         """The Rerun recording of one environment's training data."""
         settings = RecordDataSettings(environment)
-        return self._task("record_data", environment, settings, data=self.collect(environment))
+        classes, data = [simulators[environment]], self.collect(environment)
+        return self._task("record_data", environment, settings, classes, data=data)
 
     def record(self, cell: Cell) -> Task:
         """The cell's Rerun recordings. The recording of its data is published with them."""
@@ -132,7 +125,7 @@ class Pipeline:
             if models[cell.model].tunes_beta:
                 inputs["tuning"] = self.tune(cell)
         settings = RecordSettings(cell.environment, cell.level, cell.model, cell.seed)
-        return self._task("record", cell.name, settings, **inputs)
+        return self._task("record", cell.name, settings, [simulators[cell.environment]], **inputs)
 
     def _training_set(self, cell: Cell) -> TrainingSet:
         """All trajectories, or at level high the seed's own tenth of them."""
@@ -148,9 +141,7 @@ class Pipeline:
         settings = model.settings_from(self.config)
         settings = replace(settings, train=model.training_options(settings))
         seed = derive(cell.name, purpose)
-        return TrainSettings(
-            self._training_set(cell), cell.model, model.version, asdict(settings), seed
-        )
+        return TrainSettings(self._training_set(cell), cell.model, asdict(settings), seed)
 
     def _sources(self, cell: Cell) -> dict[str, Task]:
         sources = {"data": self.collect(cell.environment)}
@@ -158,6 +149,9 @@ class Pipeline:
             sources["ensemble"] = self.ensemble(cell)
         return sources
 
-    def _task(self, stage: str, label: str, settings: Any, **inputs: Task) -> Task:
-        version, plugins = STAGE_VERSIONS[stage], self.config.plugins
-        return Task(stage, label, asdict(settings), inputs, version, plugins)
+    def _task(
+        self, stage: str, label: str, settings: Any, classes: Sequence[type] = (), **inputs: Task
+    ) -> Task:
+        """A task that depends on the source of its stage and of registered classes."""
+        source = reached((f"study.stages.{stage}", *(each.__module__ for each in classes)))
+        return Task(stage, label, asdict(settings), inputs, source, self.config.plugins)

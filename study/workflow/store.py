@@ -1,13 +1,14 @@
 """Content-addressed folders: what a stage wrote, named by what it was made from.
 
-A task's key is a hash of its settings and of the keys of its inputs. A changed setting therefore
-names another folder, and folders of tasks that do not depend on the setting stay valid. A folder
+A task's key is a hash of its settings, its source and the keys of its inputs. A changed setting
+therefore names another folder, and folders of tasks that do not depend on the setting stay valid. A folder
 gets its name only when it is complete: it is renamed into place. Its manifest holds the SHA-256 of
 every file.
 """
 
 import json
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,7 @@ class Store:
             "stage": task.stage,
             "label": task.label,
             "key": task.key,
-            "version": task.version,
+            "source": dict(task.source),
             "settings": dict(task.settings),
             "inputs": {name: source.key for name, source in task.inputs.items()},
             "files": files,
@@ -87,7 +88,7 @@ class Store:
         out.replace(target)
 
     def why_not(self, task: Task) -> str | None:
-        """Why the task has to run: missing, config changed, input changed, damaged. None if not."""
+        """Why the task has to run, such as `missing` or `config changed: …`. None if it need not."""
         folder = self.folder(task)
         if not folder.exists():
             return self._why_missing(task)
@@ -133,10 +134,15 @@ class Store:
         changes = _differences(found["settings"], _as_json(task))
         if changes:
             return f"config changed: {'; '.join(changes[:3])}{' …' if len(changes) > 3 else ''}"
-        if found["version"] != task.version:
-            return f"stage version {found['version']} → {task.version}"
+        if modules := _changed(found["source"], task.source):
+            return f"source changed: {', '.join(modules[:3])}{' …' if len(modules) > 3 else ''}"
         inputs = [n for n, t in task.inputs.items() if found["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
+
+
+def _changed(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """Names of the modules whose digests differ."""
+    return sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
 
 
 def _as_json(task: Task) -> Any:

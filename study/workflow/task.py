@@ -17,7 +17,7 @@ class Task:
         label: what it is for, to a reader: `pusher`, `pusher/low/seed-0`, a cell's name.
         settings: JSON of the stage's settings (`study.config.stage_settings`).
         inputs: earlier tasks, by the name under which the stage asks for their folder.
-        version: of the stage's code.
+        source: digest of every module that the stage reaches, by name (`study.workflow.source`).
         plugins: modules to import first. The key does not depend on them.
     """
 
@@ -25,14 +25,14 @@ class Task:
     label: str
     settings: Mapping[str, Any]
     inputs: Mapping[str, "Task"] = field(default_factory=dict)
-    version: int = 1
+    source: Mapping[str, str] = field(default_factory=dict)
     plugins: tuple[str, ...] = ()
 
     @cached_property
     def key(self) -> str:
-        """Hash of the stage, its version, its settings and the keys of its inputs."""
+        """Hash of the stage, its source, its settings and the keys of its inputs."""
         inputs = {name: task.key for name, task in self.inputs.items()}
-        return digest([self.stage, self.version, dict(self.settings), inputs])
+        return digest([self.stage, dict(self.source), dict(self.settings), inputs])
 
     @property
     def name(self) -> str:

@@ -83,7 +83,7 @@ def _pack(task: Task, number: Mapping[Task, int]) -> dict[str, Any]:
         "label": task.label,
         "settings": dict(task.settings),
         "inputs": {name: number[source] for name, source in task.inputs.items()},
-        "version": task.version,
+        "source": dict(task.source),
     }
 
 

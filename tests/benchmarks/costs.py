@@ -54,7 +54,7 @@ def _peak() -> float:
 def collection(count: int, physics: bool) -> Cost:
     """Stage collect, with two validation and two test scenarios."""
     sizes = Collect(trajectories=count, validation=2, scenarios=2, rollouts=2)
-    settings = CollectSettings("pusher", Pusher.version, sizes)
+    settings = CollectSettings("pusher", sizes)
 
     def constant_plan(self: Pusher, scenarios: Any, seeds: Any) -> Any:
         return np.full((len(seeds), self.horizon, len(self.action)), 0.5, np.float32)

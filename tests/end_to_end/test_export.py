@@ -44,7 +44,7 @@ def dataset(root: Path, monkeypatch: pytest.MonkeyPatch) -> minari.MinariDataset
 def trajectories(tmp_path_factory: pytest.TempPathFactory) -> Trajectories:
     """What the study would train on."""
     out = tmp_path_factory.mktemp("collected")
-    settings = CollectSettings("cart", Cart.version, configuration(*CART).collect)
+    settings = CollectSettings("cart", configuration(*CART).collect)
     collect.run(settings, {}, out, Progress())
     return Trajectories.load(out / "train.safetensors")
 

@@ -35,7 +35,7 @@ def test_residuals_are_out_of_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     data.mkdir()
     out.mkdir()
     sizes = Collect(trajectories=20, validation=4, scenarios=2, rollouts=2, horizon=10)
-    collect.run(CollectSettings("cart", 1, sizes), {}, data, Progress())
+    collect.run(CollectSettings("cart", sizes), {}, data, Progress())
     # 14 trajectories in parts of 4: parts start at any fold.
     monkeypatch.setattr("study.models.forecasting.CHUNK", 4)
     settings = EnsembleSettings(

@@ -21,12 +21,12 @@ def test_the_oracle_is_perfect_and_the_test_set_is_not_read(
     data.mkdir()
     out.mkdir()
     sizes = Collect(trajectories=40, validation=400, scenarios=2, rollouts=2, horizon=20)
-    collect.run(CollectSettings("cart", 0, sizes), {}, data, Progress())
+    collect.run(CollectSettings("cart", sizes), {}, data, Progress())
     (data / "test.safetensors").unlink()
     (tmp_path / "fit.json").write_text(json.dumps({"beta": 0.5}))
     monkeypatch.setattr(validate, "load_model", lambda _: Oracle(Cart(horizon=20)))
     inputs = {"data": data, "trained": tmp_path}
-    validate.run(ValidateSettings("cart", 0, seed=3, samples=20), inputs, out, Progress())
+    validate.run(ValidateSettings("cart", seed=3, samples=20), inputs, out, Progress())
     found = read_json(out / "validation.json")
     assert found["beta"] == 0.5
     assert abs(found["mmd2"]) < 0.01

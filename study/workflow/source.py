@@ -1,0 +1,145 @@
+"""The source that a task depends on: a digest of every module that its stage reaches.
+
+The digest of a module is that of its syntax tree without docstrings. Comments, docstrings and
+layout do not change it, and every other edit does: a changed line of arithmetic runs a stage again,
+and a reworded comment does not. Files that a module names and that lie beside it (a C kernel, a
+MuJoCo scene) count without their comments.
+
+A module reaches what its import statements name, as far as this is a module of the study or of a
+plugin. What a package imports of itself (``from study.models import full_vae``) does not count: the
+registries import every environment and model, and a task depends on its own alone.
+"""
+
+import ast
+import hashlib
+import re
+import sysconfig
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree
+
+DATA_FILES = (".c", ".xml")
+"""Endings of data files that count as source."""
+
+INSTALLED = tuple(
+    Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")
+)
+"""Folders of installed packages, whose versions are in the manifests instead."""
+
+
+@cache
+def reached(modules: tuple[str, ...]) -> Mapping[str, str]:
+    """The digest of each module in `modules`, and of all modules that they reach, by name.
+
+    Args:
+        modules: dotted names.
+    """
+    found: dict[str, str] = {}
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if name in found or path is None:
+            continue
+        found[name] = _digest(path)
+        waiting += _imports(name, path)
+    return dict(sorted(found.items()))
+
+
+@cache
+def _file(name: str) -> Path | None:
+    """The source file of a module; None if it has none, or is part of an installed package.
+
+    Nothing is imported: to import the package of a module would take seconds.
+    """
+    top, *rest = name.split(".")
+    origin = _origin(top)
+    if origin is None:
+        return None
+    path = origin.parent.joinpath(*rest) if rest else origin
+    if path.with_suffix(".py").is_file():
+        return path.with_suffix(".py")
+    return path / "__init__.py" if (path / "__init__.py").is_file() else None
+
+
+@cache
+def _origin(top: str) -> Path | None:
+    """The file of a module that is in no package, or of a package; None if it is installed."""
+    try:
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return None
+    path = Path(spec.origin).resolve()
+    return None if any(folder in path.parents for folder in INSTALLED) else path
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    """The syntax tree of a module, without docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = [statement for statement in node.body if not _is_text(statement)]
+    return tree
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    """Whether a statement is a docstring, of whatever stands before or around it."""
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
+
+
+@cache
+def _digest(path: Path) -> str:
+    digest = hashlib.sha256(ast.dump(_tree(path)).encode())
+    for file in sorted(_data_files(path)):
+        digest.update(_without_comments(file).encode())
+    return digest.hexdigest()
+
+
+def _data_files(path: Path) -> set[Path]:
+    """The files beside a module whose names it holds as text."""
+    names = {
+        node.value
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    named = {path.with_name(Path(name).name) for name in names if name.endswith(DATA_FILES)}
+    return {file for file in named if file.is_file()}
+
+
+def _without_comments(path: Path) -> str:
+    if path.suffix == ".xml":
+        return ElementTree.canonicalize(from_file=path, strip_text=True)
+    text = re.sub(r"/\*.*?\*/|//[^\n]*", " ", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return " ".join(text.split())
+
+
+def _imports(name: str, path: Path) -> Iterator[str]:
+    """The modules that the import statements of a module name, at the top or inside functions."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = _absolute(node, package)
+            if base == name:  # a package that imports its own modules to register them
+                continue
+            yield base
+            # What is imported from a package may be a module.
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _absolute(node: ast.ImportFrom, package: str) -> str:
+    """The dotted name after `from`, without leading dots."""
+    if not node.level:
+        return node.module or ""
+    parent = package.rsplit(".", node.level - 1)[0] if node.level > 1 else package
+    return f"{parent}.{node.module}" if node.module else parent
