@@ -91,7 +91,7 @@ def training_data(
     first, end = chosen.first, chosen.first + chosen.trajectories
     training = Trajectories.load(folder / "train.safetensors")[first:end]
     validation = ScenarioSet.load(folder / "validation.safetensors")
-    return training, validation, Normalization.of(training)
+    return training, validation, Normalization.from_trajectories(training)
 
 
 def load_ensemble(folder: Path) -> RnnEnsemble:

@@ -134,7 +134,7 @@ class Store:
         changes = _differences(found["settings"], _as_json(task))
         if changes:
             return f"config changed: {'; '.join(changes[:3])}{' …' if len(changes) > 3 else ''}"
-        if modules := _changed(found["source"], task.source):
+        if modules := _changed(found.get("source", {}), task.source):
             return f"source changed: {', '.join(modules[:3])}{' …' if len(modules) > 3 else ''}"
         inputs = [n for n, t in task.inputs.items() if found["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
