@@ -2,7 +2,6 @@
 
 import json
 import platform
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -54,13 +53,3 @@ def made_with() -> dict[str, str]:
         "source_revision": source_revision()[:16],
         "versions": json.dumps(versions(), sort_keys=True),
     }
-
-
-def made_from(settings: Any) -> dict[str, str]:
-    """Settings of a stage, versions and source, as properties of a recording.
-
-    Args:
-        settings: a dataclass of `study.config.stage_settings` with a `seed`.
-    """
-    config = json.dumps(asdict(settings), sort_keys=True)
-    return {"seed": str(settings.seed), **made_with(), "config": config}

@@ -103,8 +103,9 @@ class Simulator(ABC):
     """The registered name."""
     title: ClassVar[str]
     """The name in text. Gymnasium's id is ``study/{title}-v0``."""
-    version: ClassVar[int]
-    """Part of the key of every artifact: raise it when the numbers of a rollout change."""
+    version: ClassVar[int] = 1
+    """Version of the data sets that `export` writes. Raise it when the numbers of a rollout change.
+    (The study itself notices a change of the source.)"""
     state: ClassVar[tuple[Variable, ...]]
     action: ClassVar[tuple[Variable, ...]]
     unobserved: ClassVar[tuple[Variable, ...]] = ()

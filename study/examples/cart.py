@@ -28,7 +28,7 @@ class Cart(Simulator):
 
     # These tables name every number that a model, a file or a figure holds: name, unit, meaning
     # and the bounds, if any.
-    name, title, version = "cart", "Cart", 1
+    name, title = "cart", "Cart"
     state = (Variable("x", "m", "position"), Variable("v", "m/s", "velocity"))
     action = (Variable("force", "N", "push", -1.0, 1.0),)
     unobserved = (Variable("mass", "kg", "mass", 0.5, 1.5),)

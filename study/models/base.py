@@ -77,8 +77,6 @@ class Model(L.LightningModule, Generic[S]):
 
     settings_class: ClassVar[type[Any]]
     """A frozen dataclass whose fields are sections of `study.config.settings.Config`, by name."""
-    version: ClassVar[int] = 1
-    """Part of every artifact's key. Raise it when the same data and settings give other weights."""
     tunes_beta: ClassVar[bool] = False
     uses_ensemble: ClassVar[bool] = False
     data_streams: int | None = None

@@ -8,5 +8,3 @@ from study.models.crps import CrpsModel, CrpsSettings
 @models.register("full_crps")
 class FullCrps(ZeroBaseline[CrpsSettings], CrpsModel):
     """The network of `ResidualCrps` with a baseline of zero."""
-
-    version = 3

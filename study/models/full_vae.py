@@ -12,5 +12,3 @@ class FullVae(ZeroBaseline[VaeSettings], VaeModel):
     Args:
         normalization, settings, beta: see `VaeModel`.
     """
-
-    version = 3

@@ -30,7 +30,6 @@ class FullVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, FullVae]):
 
     settings_class = VaeEnsembleSettings
     member_class = FullVae
-    version = FullVae.version
     tunes_beta = True
 
     def __init__(

@@ -38,7 +38,6 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
 
     settings_class = MlpEnsembleSettings
     member_class = ProbabilisticMlp
-    version = ProbabilisticMlp.version
 
     def __init__(self, normalization: Normalization, settings: MlpEnsembleSettings) -> None:
         count = settings.model_ensemble.members

@@ -34,7 +34,6 @@ class ProbabilisticMlp(Model[MlpSettings]):
     """
 
     settings_class = MlpSettings
-    version = 2
 
     def __init__(self, normalization: Normalization, settings: MlpSettings) -> None:
         super().__init__(normalization, settings)

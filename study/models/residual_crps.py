@@ -17,8 +17,6 @@ class ResidualCrps(MemberBaseline[CrpsSettings], CrpsModel):
             model that is given the members' forecasts.
     """
 
-    version = 4
-
     def __init__(
         self, normalization: Normalization, settings: CrpsSettings, ensemble: RnnEnsemble | None
     ) -> None:

@@ -17,8 +17,6 @@ class ResidualVae(MemberBaseline[VaeSettings], VaeModel):
             model that is given the members' forecasts.
     """
 
-    version = 4
-
     def __init__(
         self,
         normalization: Normalization,

@@ -26,7 +26,6 @@ class ResidualVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, ResidualVae]):
 
     settings_class = VaeEnsembleSettings
     member_class = ResidualVae
-    version = ResidualVae.version
     tunes_beta = uses_ensemble = True
 
     def __init__(

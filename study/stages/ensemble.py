@@ -1,8 +1,8 @@
 """Stage ensemble: fit the M recurrent networks, and forecast the training trajectories with them.
 
 Writes ``ensemble.safetensors`` (weights), ``members.safetensors`` (the members' forecasts of the
-training trajectories, [N, M, T, D], from which every cell's residuals are computed),
-``metrics.csv`` and ``training.rrd``.
+training trajectories, [N, M, T, D], from which every cell's residuals are computed) and
+``metrics.csv`` (training curves).
 """
 
 from collections.abc import Iterator, Mapping
@@ -13,14 +13,12 @@ import torch
 
 from study.common.arrays import Floats
 from study.common.progress import Progress
-from study.common.provenance import made_from
 from study.common.seeds import derive, torch_seed
 from study.config.stage_settings import EnsembleSettings
 from study.data.storage import save_parts
 from study.models.checkpoints import save_model
 from study.models.forecasting import forecast_members_in_parts
 from study.models.rnn_ensemble import RnnEnsemble, RnnEnsembleSettings
-from study.recording.training import RerunLogger
 from study.training.data_module import TrajectoryDataModule
 from study.training.fit import FitOptions, fit
 from study.training.inputs import training_data
@@ -46,12 +44,7 @@ def run(
     options = FitOptions(
         settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
     )
-    with RerunLogger(
-        out / "training.rrd",
-        recording_name="training of the ensemble",
-        properties=made_from(settings),
-    ) as logger:
-        fit(model, data, out, progress.part(0.0, 0.95), options, loggers=[logger])
+    fit(model, data, out, progress.part(0.0, 0.95), options)
     save_model(model, "ensemble", out / "ensemble.safetensors")
     progress(0.95, "forecasts of the training trajectories")
     parts = forecast_members_in_parts(model, training.states[:, 0], training.actions)

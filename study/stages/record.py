@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from study.common.files import copy
 from study.common.progress import Progress
 from study.common.provenance import made_with, settings_of
 from study.config.grid import Cell
@@ -19,9 +18,9 @@ from study.config.stage_settings import RecordSettings
 from study.envs import simulators
 from study.recording.examples import read_examples
 from study.recording.forecast import record_forecast
-from study.recording.integrity import checksum_path
 from study.recording.properties import Properties
 from study.recording.scores import record_scores
+from study.recording.training import read_curves, record_training
 from study.recording.tuning import read_trials, record_tuning
 
 
@@ -31,12 +30,10 @@ def run(
     """See the module."""
     cell = Cell(**asdict(settings))
     properties = _properties(cell, inputs)
-    # Of a residual model, the recording of its own training; of the ensemble alone, its training.
+    # A residual model has both inputs: its own training is shown.
     fitted = inputs.get("trained", inputs.get("ensemble"))
     if fitted is not None:
-        recording = fitted / "training.rrd"
-        copy(recording, out / recording.name)
-        copy(checksum_path(recording), checksum_path(out / recording.name))
+        record_training(out / "training.rrd", read_curves(fitted / "metrics.csv"), properties)
     if "tuning" in inputs:
         trials = read_trials(inputs["tuning"] / "tuning.json")
         record_tuning(out / "tuning.rrd", trials, properties)

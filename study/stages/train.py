@@ -1,6 +1,6 @@
 """Stage train: fit one cell's model, with the β that the stage tune chose, where it has one.
 
-Writes ``model.safetensors``, ``metrics.csv``, ``training.rrd`` and ``fit.json`` (β, best score).
+Writes ``model.safetensors``, ``metrics.csv`` (training curves) and ``fit.json`` (β, best score).
 """
 
 from collections.abc import Mapping
@@ -8,10 +8,8 @@ from pathlib import Path
 
 from study.common.files import read_json, write_json
 from study.common.progress import Progress
-from study.common.provenance import made_from
 from study.config.stage_settings import TrainSettings
 from study.models.checkpoints import save_model
-from study.recording.training import RerunLogger
 from study.training.fit import FitOptions, fit
 from study.training.inputs import prepare
 from study.training.validation import LogForecastScore
@@ -23,17 +21,8 @@ def run(settings: TrainSettings, inputs: Mapping[str, Path], out: Path, progress
     if "tuning" in inputs:
         beta = read_json(inputs["tuning"] / "tuning.json")["beta"]
     start = prepare(settings, inputs, beta)
-    with RerunLogger(
-        out / "training.rrd", recording_name="training", properties=made_from(settings)
-    ) as logger:
-        score = fit(
-            start.model,
-            start.data,
-            out,
-            progress,
-            FitOptions.from_settings(start.train, settings.seed),
-            loggers=[logger],
-            callbacks=[LogForecastScore(start.score)],
-        )
+    options = FitOptions.from_settings(start.train, settings.seed)
+    callbacks = [LogForecastScore(start.score)]
+    score = fit(start.model, start.data, out, progress, options, callbacks)
     save_model(start.model, settings.model, out / "model.safetensors", beta)
     write_json(out / "fit.json", {"beta": beta, "validation_score": score})

@@ -143,7 +143,7 @@ def _short_fit(
         curves,
         progress,
         options,
-        callbacks=[LogForecastScore(start.score), report],
+        [LogForecastScore(start.score), report],
     )
     for file in curves.glob("*"):
         file.unlink()

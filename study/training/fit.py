@@ -10,7 +10,7 @@ import lightning as L
 import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
-from lightning.pytorch.loggers import CSVLogger, Logger
+from lightning.pytorch.loggers import CSVLogger
 
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
@@ -70,7 +70,6 @@ def fit(
     out: Path,
     progress: Progress,
     options: FitOptions,
-    loggers: Sequence[Logger] = (),
     callbacks: Sequence[Callback] = (),
 ) -> float:
     """Fit `model`, and leave it with the weights that `FitOptions.patience` asks for.
@@ -81,7 +80,6 @@ def fit(
         out: folder for ``metrics.csv``, the training curves.
         progress: called with the fraction done.
         options: how long to train.
-        loggers: besides the CSV file.
         callbacks: of Lightning.
 
     Returns:
@@ -103,7 +101,7 @@ def fit(
         num_sanity_val_steps=0,
         gradient_clip_val=options.clip,
         log_every_n_steps=LOG_EVERY,
-        logger=[CSVLogger(out, name="", version="", flush_logs_every_n_steps=10**9), *loggers],
+        logger=CSVLogger(out, name="", version="", flush_logs_every_n_steps=10**9),
         callbacks=[
             stop,
             ReportProgress(progress, options.steps),

@@ -1,9 +1,9 @@
 """Content-addressed folders: what a stage wrote, named by what it was made from.
 
 A task's key is a hash of its settings, its source and the keys of its inputs. A changed setting
-therefore names another folder, and folders of tasks that do not depend on the setting stay valid. A folder
-gets its name only when it is complete: it is renamed into place. Its manifest holds the SHA-256 of
-every file.
+therefore names another folder, and folders of tasks that do not depend on the setting stay valid.
+A folder gets its name only when it is complete: it is renamed into place. Its manifest holds the
+SHA-256 of every file.
 """
 
 import json
@@ -88,7 +88,7 @@ class Store:
         out.replace(target)
 
     def why_not(self, task: Task) -> str | None:
-        """Why the task has to run, such as `missing` or `config changed: …`. None if it need not."""
+        """Why the task has to run, such as `missing` or `config changed: …`; None if not."""
         folder = self.folder(task)
         if not folder.exists():
             return self._why_missing(task)

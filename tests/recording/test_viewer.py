@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 
 from study.common.errors import StudyError
@@ -16,7 +17,7 @@ from study.recording.scores import record_scores
 from study.recording.screenshots import screenshots
 from study.recording.streams import recording
 from study.recording.study import record_study
-from study.recording.training import RerunLogger
+from study.recording.training import record_training
 from study.recording.tuning import record_tuning
 from tests.helpers import recordings
 from tests.recording import test_data
@@ -47,10 +48,9 @@ def lettered(image: Path) -> float:
 
 
 def _training(path: Path) -> None:
-    with RerunLogger(path, properties=recordings.PROPERTIES) as logger:
-        logger.log_hyperparams({"beta": 0.1})
-        for step in range(50):
-            logger.log_metrics({"train/loss": np.exp(-step / 10), "train/kl": step / 50}, step)
+    steps = np.arange(50)
+    curves = {"loss": pd.Series(np.exp(-steps / 10)), "loss/kl": pd.Series(steps / 50)}
+    record_training(path, curves, recordings.PROPERTIES)
 
 
 KINDS: dict[str, Callable[[Path], None]] = {
