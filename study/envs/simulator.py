@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.common.arrays import Booleans, Doubles, Floats
+from study.common.errors import BadInput
 from study.common.registry import Registry
 from study.common.seeds import Seeds
 from study.data.variables import Constant, Variable, bounds
@@ -132,7 +133,9 @@ class Simulator(ABC):
     operation among more trajectories; a smaller one fits into the CPU's cache."""
 
     def __init__(self, horizon: int | None = None, threads: int = 1) -> None:
-        self.horizon = horizon or self.default_horizon
+        self.horizon = self.default_horizon if horizon is None else horizon
+        if self.horizon < 1:
+            raise BadInput(f"{self.title}: got a horizon of {horizon}; it must be at least 1")
         self.threads = threads
 
     @abstractmethod
@@ -169,13 +172,13 @@ class Simulator(ABC):
     def target(self, goal: Floats) -> Floats:
         """Positions [..., 3] in metres that this body has to reach; goal [..., G]."""
 
-    @abstractmethod
-    def scene(self) -> mujoco.MjModel:
-        """The MuJoCo model that pictures show."""
+    def scene(self) -> mujoco.MjModel | None:
+        """The MuJoCo model that pictures show. Without one, recordings show paths alone."""
+        return None
 
-    @abstractmethod
     def configuration(self, states: Floats) -> Doubles:
-        """MuJoCo's qpos [..., nq] in `scene` for states [..., D]."""
+        """MuJoCo's qpos [..., nq] in `scene` for states [..., D]; needed where there is a scene."""
+        raise NotImplementedError(f"{type(self).__name__} has a scene, but no `configuration`")
 
     def constants(self) -> tuple[Constant, ...]:
         """The physical constants that the system's page lists."""

@@ -1,7 +1,7 @@
 """The contract of a forecaster, and the base class of those that are trained."""
 
 from abc import abstractmethod
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import lightning as L
@@ -14,7 +14,7 @@ from torch.optim.lr_scheduler import LRScheduler
 
 from study.common.arrays import Floats
 from study.common.errors import BadInput, nearest
-from study.common.registry import Registry
+from study.common.registry import Registry, full_name, missing
 from study.common.seeds import Seeds
 from study.config.settings import Config, Train
 from study.data.frames import to_fixed_frame, to_rotating_frame
@@ -250,5 +250,26 @@ class Model(L.LightningModule, Generic[S]):
         return one_cycle(optimizer, learning_rate, steps)
 
 
-models: Registry[type[Model[Any]]] = Registry("model")
+def check_class(model: Any) -> None:
+    """Check what can be known of a class without an instance.
+
+    Raises:
+        BadInput: it is no model, or lacks an attribute or a method.
+    """
+    subject = full_name(model)
+    if not (isinstance(model, type) and issubclass(model, Model)):
+        raise BadInput(f"{subject} is not a subclass of study.models.Model")
+    lacks = missing(model, ("settings_class",))
+    if model.losses is Model.losses and model.training_step is Model.training_step:
+        lacks.append("losses")
+    if lacks:
+        raise BadInput(f"{subject} lacks {', '.join(lacks)}: see study.models.Model")
+    settings = model.settings_class
+    if not is_dataclass(settings) or not settings.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        raise BadInput(f"{subject}.settings_class: got {settings!r:.60}; a frozen dataclass is needed")
+    if "train" not in [entry.name for entry in fields(settings)]:
+        raise BadInput(f"{subject}.settings_class: {settings.__name__} lacks train: Train")
+
+
+models: Registry[type[Model[Any]]] = Registry("model", check_class)
 """The trained forecasters by name."""
