@@ -207,10 +207,10 @@ def test_weights_and_recordings_of_chosen_cells_are_published(copied: Path) -> N
         ("verify", copied, "--rerun", other),
         ("forecast", "--cell", other, "--scenario", "0", "--out", copied),
     ):
-        said = study(*asked)
-        assert said.code == 1
-        assert f"ships no weights of '{other}'" in said.out + said.err
-        assert first in said.out + said.err
+        refused = study(*asked)
+        assert refused.code == 1
+        assert f"has no weights of '{other}'" in refused.out + refused.err
+        assert first in refused.out + refused.err
     assert study(*given).code == 0
     assert published(copied).keys() == before.keys()
 
