@@ -7,7 +7,6 @@ need them.
 import os
 import sys
 
-from study.commands.command import StudyOptions, import_plugins
 from study.commands.parser import parse
 from study.common.errors import StudyError, explain
 
@@ -45,8 +44,6 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         command, options = parse(arguments)
-        if isinstance(options, StudyOptions):
-            import_plugins(options.config.plugins)
         code: int = command.run(options)
         return code
     finally:

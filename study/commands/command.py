@@ -1,18 +1,11 @@
 """What a command is: a name, a summary, its options, and a function that runs it."""
 
-import importlib
-import os
-import sys
-import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
-from study.common.errors import BadInput
 from study.config.settings import Config
-from study.results import folder
-from study.results.folder import Results
 
 DEFAULT_OUT = Path("results/quick")
 """The results folder of commands that take no settings."""
@@ -104,51 +97,6 @@ class Command(Generic[Options]):
             is_path = value is not None and types[name] in (Path, Path | None)
             found[name] = Path(value) if is_path else value
         return self.options(**found, **settings)
-
-
-def read_results(out: Path) -> Results:
-    """Read a results folder, and import the plugins of its study.
-
-    Raises:
-        BadInput: there is no study in it, or one of another version.
-        StudyError: it is damaged.
-    """
-    results = folder.read(out)
-    import_plugins(results.config.plugins)
-    return results
-
-
-def import_plugins(names: Iterable[str]) -> None:
-    """Import the user's modules, which register environments and models.
-
-    Raises:
-        BadInput: a module cannot be imported, or what it registers cannot be used.
-    """
-    folder = os.getcwd()
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    for name in names:
-        if name.endswith(".py") or not all(part.isidentifier() for part in name.split(".")):
-            raise BadInput(f"plugins: '{name}' is no module; write my_system, or package.module")
-        try:
-            importlib.import_module(name)
-        except BadInput as error:
-            raise BadInput(f"plugins: {error}") from None
-        except (Exception, SystemExit) as error:
-            raise BadInput(f"plugins: cannot import '{name}': {_reason(error)}") from None
-
-
-def _reason(error: BaseException) -> str:
-    """What went wrong in a module, and the file and line of the user where it did, in one line."""
-    text = " ".join(str(error).split())[:200]
-    if isinstance(error, SyntaxError):
-        return f"{error.msg} ({error.filename}, line {error.lineno})" if error.filename else text
-    frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame for frame in frames if not frame.filename.startswith(("<", __file__))]
-    lines = [frame for frame in lines if Path(frame.filename).parent.name != "importlib"]
-    kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
-    where = f" ({lines[-1].filename}, line {lines[-1].lineno})" if lines else ""
-    return f"{kind}{text}{where}"
 
 
 def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rich.console import Console
 from rich.table import Table
 
-from study.commands.command import Argument, Command, StudyOptions, import_plugins
+from study.commands.command import Argument, Command, StudyOptions
 from study.commands.terminal import console
 from study.commands.view import check_cell, known_cells
 from study.common.errors import BadInput
@@ -50,7 +50,6 @@ def run(options: Options) -> int:
     if len(set(options.cells)) < 2:
         raise BadInput(f"compare: got {options.cells[0]} alone; give two cells or more")
     results = folder.read(options.out)
-    import_plugins(results.config.plugins)
     chosen = [results.cell(name, "compare") for name in options.cells]
     terminal = console()
     _print(terminal, "settings that differ", different_settings(results, chosen))

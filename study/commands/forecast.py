@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from rich.console import Console
 from rich.table import Table
 
-from study.commands.command import DEFAULT_OUT, Command, Flag, read_results
+from study.commands.command import DEFAULT_OUT, Command, Flag
 from study.commands.terminal import Bar, console, say
 from study.common.errors import BadInput
+from study.results import folder
 from study.workflow.engine import quiet_rerun
 
 if TYPE_CHECKING:  # torch takes seconds to import
@@ -74,7 +75,7 @@ def run(options: Options) -> int:
     if options.save is not None and options.save.suffix != ".rrd":
         raise BadInput(f"--save: got '{options.save}'; it must be a .rrd file")
     quiet_rerun()
-    results = read_results(options.out)
+    results = folder.read(options.out)
     cell = results.cell(options.cell, "--cell")
 
     from study.data.plan_files import write_plan

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from study.commands.command import Argument, Command, Flag, read_results
+from study.commands.command import Argument, Command, Flag
 
 DETAILS = """\
 The studies differ in their seeds alone. All files are checked first. Nothing is trained: tables,
@@ -34,7 +34,6 @@ def run(options: Options) -> int:
     from study.results.join import join
 
     folders = [Path(folder) for folder in options.folders]
-    read_results(folders[0])  # imports the plugins of the study
     join(folders, options.out)
     print(options.out)
     return 0

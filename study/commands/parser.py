@@ -30,6 +30,7 @@ from study.commands.settings import (
     parse_settings,
 )
 from study.common.errors import BadInput, nearest
+from study.common.plugins import import_plugins
 
 MODULES = (
     run_all,
@@ -129,6 +130,7 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
         add_settings(parser)
     check_flags(arguments, ["--config", "--out", "--only", *command.flags, *known_flags()])
     config, namespace = parse_settings(parser, arguments)
+    import_plugins(config.plugins)
     out = Path(namespace.out) if namespace.out else Path("results") / config.name
     return command.read_options(namespace, config=config, out=out, only=namespace.only)
 

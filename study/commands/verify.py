@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from study.commands.command import DEFAULT_OUT, Argument, Command, Flag, read_results
+from study.commands.command import DEFAULT_OUT, Argument, Command, Flag
 from study.commands.terminal import Bar, console, say
+from study.results import folder
 
 DETAILS = """\
 checks   every file against SHA256SUMS; every recording against its own checksum; claims, tables
@@ -36,7 +37,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Print one line for each check."""
-    results = read_results(options.out)
+    results = folder.read(options.out)
     cell = None if options.rerun is None else results.cell(options.rerun, "--rerun")
     from study.results.verify import verify
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from study.common.errors import BadInput, StudyError, nearest
 from study.common.files import read_json
+from study.common.plugins import import_plugins
 from study.config.convert import from_json
 from study.config.grid import Cell, among, cells
 from study.config.settings import Config
@@ -60,10 +61,10 @@ class Results:
 
 
 def read(out: Path) -> Results:
-    """Read the ``study.json`` of a results folder.
+    """Read the ``study.json`` of a results folder, and import the plugins of its study.
 
     Raises:
-        BadInput: there is no study, or one of another version.
+        BadInput: there is no study, or one of another version, or a plugin is missing.
         StudyError: ``study.json`` is damaged.
     """
     path = out / STUDY
@@ -80,6 +81,7 @@ def read(out: Path) -> Results:
         reason = f"{type(error).__name__}: {error}"
         raise StudyError(f"{path} is damaged ({reason}); {RUN_AGAIN}") from None
     check(config)
+    import_plugins(config.plugins)
     return Results(out, config, complete, versions)
 
 
