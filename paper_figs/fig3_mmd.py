@@ -2,11 +2,11 @@
 
     python -m paper_figs.fig3_mmd results/paper
 
-Curves are averages over scenarios, state dimensions and seeds. Bands are 95 % intervals by a
-bootstrap over seeds and scenarios. The vertical scale is a square root, so heights are proportional
-to MMD. The unbiased MMD² of the oracle has mean zero and can be negative. Dotted lines are
-reference shifts: the MMD² of the oracle's forecasts, shifted by 0.1, 0.3 and 1 standard deviations
-(sd) of the observed rollouts.
+Curves are averages over scenarios, state dimensions and seeds. Bands are 95 % t intervals over
+seeds and scenarios at each step (`study.metrics.intervals`). The vertical scale is a square root,
+so heights are proportional to MMD. The unbiased MMD² of the oracle has mean zero and can be
+negative. Dotted lines are reference shifts: the MMD² of the oracle's forecasts, shifted by 0.1, 0.3
+and 1 standard deviations (sd) of the observed rollouts.
 """
 
 import sys
@@ -25,13 +25,10 @@ from paper_figs.command import command
 from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
-from study.metrics.intervals import percentiles, resampled_means
+from study.metrics.intervals import band
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
 from study.plotting import style
-
-RESAMPLES = 1000
-"""Of the bootstrap."""
 
 REFERENCE_SHIFTS = {metric: f"{shift:g} sd" for metric, shift in SHIFT_METRICS.items()}
 """The label of the line of each reference shift, by metric."""
@@ -95,10 +92,10 @@ def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> D
 
 
 def _curve(axes: Axes, values: Doubles, model: str, level: str, colour: str) -> None:
-    low, high = percentiles(resampled_means(values, RESAMPLES))
+    found = band(values)
     steps = np.arange(1, values.shape[2] + 1)
-    axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
-    axes.plot(steps, values.mean((0, 1)), color=colour, **style.line(model, level))
+    axes.fill_between(steps, found.low, found.high, color=colour, alpha=0.18, linewidth=0)
+    axes.plot(steps, found.estimate, color=colour, **style.line(model, level))
 
 
 def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:

@@ -4,10 +4,10 @@
 
 A point is a bin of scenarios with similar forecast probabilities of success, at least ten for each
 seed. It shows the observed frequency of success over the mean forecast
-(`study.metrics.reliability`). Bars are 95 % intervals by a bootstrap over seeds and scenarios. A
-reliable forecaster is on the diagonal. The dotted line is the base rate. In the shaded area
-forecasts are better than the base rate (the attributes diagram of Hsu and Murphy 1986). Histograms
-of the forecasts are below the diagram.
+(`study.metrics.reliability`). Bars are 95 % t intervals over seeds and scenarios. A reliable
+forecaster is on the diagonal. The dotted line is the base rate. In the shaded area forecasts are
+better than the base rate (the attributes diagram of Hsu and Murphy 1986). Histograms of the
+forecasts are below the diagram.
 """
 
 import sys
@@ -30,8 +30,6 @@ from study.metrics.reliability import BINS, group_of, reliability_curve
 from study.metrics.tables.table import select
 from study.plotting import style
 
-RESAMPLES = 1000
-"""Of the bootstrap."""
 REFERENCES = (ENSEMBLE, ORACLE)
 SHADE = "#EFEFE8"
 STRIP = 0.12
@@ -126,7 +124,7 @@ def _background(axes: Axes, base: float) -> None:
 
 
 def _curve(axes: Axes, forecasts: Forecasts, model: str, colour: str) -> None:
-    curve = reliability_curve(forecasts.probability, forecasts.observed, resamples=RESAMPLES)
+    curve = reliability_curve(forecasts.probability, forecasts.observed)
     reference = model in REFERENCES
     if not reference:
         axes.vlines(curve.forecast, curve.low, curve.high, color=colour, linewidth=0.6, alpha=0.6)

@@ -33,14 +33,15 @@ class Rule(Enum):
     """
 
     ABOVE = "above zero"
-    """Holds if the interval is above 0 and the effect is at least the smallest effect of interest.
-    Contradicted if the whole interval is below the smallest effect of interest; a tie is too."""
+    """Holds if the whole interval is above 0 and the effect is at least the smallest effect of
+    interest. Contradicted if the whole interval is below 0 and the effect is below 0 by at least as
+    much."""
     EQUAL = "within a margin of zero"
     """Holds if the whole interval is within the margin around 0 (an equivalence test). Contradicted
     if the whole interval is outside the margin."""
     NOT_BELOW = "not below zero"
-    """Contradicted if the interval is below 0 and the effect is below 0 by at least the smallest
-    effect of interest. Holds otherwise."""
+    """Holds if the whole interval is above minus the smallest effect of interest (a non-inferiority
+    test). Contradicted as `ABOVE`."""
 
 
 @dataclass(frozen=True)

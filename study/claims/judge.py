@@ -1,7 +1,8 @@
 """Verdicts on claims, from the scores of a study.
 
-Each contrast of a claim has an effect with a 95 % interval. Terms of one environment are paired on
-scenarios and seeds. By the rule of the claim a contrast holds, is contradicted or is undecided.
+Each contrast of a claim has an effect with a 95 % interval (`study.metrics.intervals`). Terms of
+one environment are paired on scenarios and seeds. By the rule of the claim a contrast holds, is
+contradicted or is undecided; a contrast whose interval contains 0 is never contradicted.
 `Outcome` defines the verdict on a claim.
 """
 
@@ -16,13 +17,13 @@ from study.claims.checks import CHECKS
 from study.claims.claim import EQUIVALENCE_MARGIN, Claim, Contrast, Quantity, Rule
 from study.claims.paper import PAPER_CLAIMS
 from study.common.arrays import Doubles
-from study.metrics.intervals import percentiles, resampled_means
+from study.metrics.intervals import sum_of_means
 from study.metrics.tables.table import LEVELLESS, select
 
 CLAIMS = (*PAPER_CLAIMS, *CHECKS)
 
-LARGEST_LOG_RATIO = np.log(1000.0)
-"""Log ratios of variances are clipped to this size, so that one dimension cannot dominate."""
+LARGEST_RATIO = 1000.0
+"""Ratios of variances are clipped to this one and its inverse, so that no dimension dominates."""
 
 VARIANCE_METRICS = frozenset({"log_aleatoric_error", "log_aleatoric_ratio"})
 """Metrics with one value for each dimension of the state, and not for each scenario."""
@@ -132,8 +133,9 @@ class _Quantities:
         cell = (quantity.environment, quantity.level, quantity.model)
         if quantity.metric in VARIANCE_METRICS:
             ratio = select(self._scores, "aleatoric_ratio", *cell, by="dimension and step")
+            largest = np.log(LARGEST_RATIO)
             with np.errstate(divide="ignore"):
-                logarithm = ratio.transform(np.log).clip(-LARGEST_LOG_RATIO, LARGEST_LOG_RATIO)
+                logarithm = ratio.transform(np.log).clip(-largest, largest)
             if quantity.metric == "log_aleatoric_error":
                 logarithm = logarithm.abs()
             # The mean over the steps at which the true variance is not negligible.
@@ -169,10 +171,9 @@ def _measure(claim: Claim, contrast: Contrast, table: _Quantities) -> Finding:
         _paired([(w, table[q]) for w, q in contrast.terms if q.environment == environment])
         for environment in environments
     ]
-    # Scenarios of two environments are independent, so they are resampled separately.
-    means = sum(resampled_means(part, seed=number) for number, part in enumerate(parts))
-    effect = float(sum(part.mean() for part in parts))
-    low, high = (float(end) for end in percentiles(np.asarray(means)))
+    # Seeds and scenarios of two environments are independent.
+    found = sum_of_means(parts)
+    effect, low, high = (float(value) for value in (found.estimate, found.low, found.high))
     margin = claim.smallest_effect
     if claim.rule is Rule.EQUAL:
         typical = np.mean([table[quantity].to_numpy().mean() for _, quantity in contrast.terms])
@@ -201,20 +202,20 @@ def _paired(terms: Sequence[tuple[float, pd.DataFrame]]) -> Doubles:
     for weight, frame in terms:
         paired = seeds and UNTRAINED not in frame.index
         values = frame.loc[seeds] if paired else frame.mean().to_frame().T
-        total += weight * values[scenarios].to_numpy(np.float64)
+        with np.errstate(invalid="ignore"):
+            total += weight * values[scenarios].to_numpy(np.float64)
     return total
 
 
 def _status(rule: Rule, effect: float, low: float, high: float, margin: float) -> Status:
+    contradicted = high < 0 and effect <= -margin
     if rule is Rule.ABOVE:
         holds = low > 0 and effect >= margin
-        contradicted = high < margin
     elif rule is Rule.EQUAL:
         holds = -margin < low and high < margin
         contradicted = low > margin or high < -margin
     else:
-        contradicted = high < 0 and effect <= -margin
-        holds = not contradicted
+        holds = low > -margin
     if holds:
         return Status.HOLDS
     return Status.CONTRADICTED if contradicted else Status.UNDECIDED

@@ -9,16 +9,21 @@ from typing import Any
 import numpy as np
 
 from study.claims.claim import EQUIVALENCE_MARGIN, OURS, Claim, Rule
-from study.claims.judge import VARIANCE_METRICS, Finding, Outcome, Verdict
+from study.claims.judge import LARGEST_RATIO, VARIANCE_METRICS, Finding, Outcome, Verdict
+from study.metrics.intervals import basis
 
 RULES = {
     Rule.ABOVE: (
         "its interval is above zero, and its effect is at least the smallest effect of interest",
-        "its interval is below the smallest effect of interest",
+        "its interval is below zero, and its effect is below zero by at least the smallest effect "
+        "of interest",
     ),
-    Rule.EQUAL: ("its interval is within the margin", "its interval is outside the margin"),
+    Rule.EQUAL: (
+        "its interval is between minus the margin and the margin",
+        "its interval is above the margin, or below minus the margin",
+    ),
     Rule.NOT_BELOW: (
-        "it is not contradicted",
+        "its interval is above minus the smallest effect of interest",
         "its interval is below zero, and its effect is below zero by at least the smallest effect "
         "of interest",
     ),
@@ -27,26 +32,47 @@ RULES = {
 
 OUTCOMES = {
     Outcome.REPRODUCED: "all its contrasts hold",
-    Outcome.PARTLY: "some of its contrasts hold, and some do not",
+    Outcome.PARTLY: "some of its contrasts hold; the others are undecided or contradicted",
     Outcome.NOT_REPRODUCED: "none of its contrasts holds, and at least one is contradicted",
     Outcome.INCONCLUSIVE: "all its contrasts are undecided",
     Outcome.NOT_RUN: "scores that it needs are missing",
 }
 
-TERMS = f"""## Terms
-
-A *contrast* is a difference of mean scores, or another weighted sum of them. Its *effect* is the
-value of this sum. Its interval is a 95 % interval by a bootstrap over training seeds and scenarios.
-MMD² and Brier scores have no unit. Energy scores are in standard deviations of the training data.
-Effects on variances are natural logarithms of ratios.
-
-The table above shows the contrast with the smallest effect of each claim. The columns *Scenarios*
-and *Seeds* are the sample sizes n. A claim about variances counts dimensions of the state in place
-of scenarios. The *smallest effect of interest* of each metric was fixed before any run.
-
-The rule of a claim decides each of its contrasts. A contrast that neither holds nor is contradicted
-is *undecided*. The *margin* of comparable values is
-{100 * EQUIVALENCE_MARGIN:.0f} % of their mean, and at least the smallest effect of interest."""
+TERMS = {
+    "claim": "a statement of the results section of the paper (V) that scores can decide",
+    "check": "a statement of this study that is judged like a claim",
+    "contrast": "a difference of mean scores, or another weighted sum of them; a claim has one or "
+    "more",
+    "effect": "the value of a contrast; the table above shows the contrast of a claim with the "
+    "smallest one",
+    "interval": "95 % t interval of the effect over training seeds and scenarios, valid for few "
+    "seeds (Banerjee 1960; `study.metrics.intervals`); paired: models are compared on the same "
+    "seeds and scenarios. With one seed it is over scenarios alone, and does not include the "
+    "variation of training",
+    "above, below, between": "of an interval: both of its ends are",
+    "Scenarios, Seeds": "the sample sizes n: test scenarios (a start and a plan of actions), or "
+    "dimensions of the state for a claim about variances; and training seeds that all models of "
+    "the contrast have",
+    "smallest effect of interest": "the smallest effect that matters, by metric; fixed before any "
+    "run",
+    "margin": f"of comparable values: {100 * EQUIVALENCE_MARGIN:.0f} % of the mean of the compared "
+    "scores, and at least the smallest effect of interest",
+    "holds, contradicted": "the result of a contrast, by the rule of its claim: see the next table",
+    "undecided": "neither; a contrast whose interval contains zero is never contradicted",
+    "low, high epistemic": "the level of epistemic uncertainty: all training data, or a part",
+    "simulator itself, oracle": "the simulator as a forecaster: its expected scores are the lowest "
+    "possible",
+    "MMD²": "maximum mean discrepancy of forecast and observed states, unbiased, averaged over "
+    "steps and dimensions of the state; no unit",
+    "Brier score": "the plain score: mean (p - o)² of the forecast probability p of the goal and "
+    "its outcome o; no unit",
+    "energy score": "of the whole state, in standard deviations of the training data",
+    "aleatoric variance": "forecast variance that is not between the members of the ensemble. "
+    "Effects are natural logarithms of its ratio to the true variance: the mean over the steps at "
+    f"which the true variance is not negligible, of logarithms within ±ln {LARGEST_RATIO:g}",
+    "closer, advantage": "of an aleatoric variance: by the absolute value of that logarithm",
+}
+"""Each word of the report that has a meaning of its own."""
 
 
 def to_json(verdicts: Sequence[Verdict]) -> str:
@@ -89,7 +115,11 @@ def to_markdown(verdicts: Sequence[Verdict]) -> str:
             "|---|---|---|---|---|",
             *(_row(verdict) for verdict in verdicts),
             "",
-            TERMS,
+            "## Terms",
+            "",
+            "| Term | Meaning |",
+            "|---|---|",
+            *(f"| {term} | {meaning} |" for term, meaning in TERMS.items()),
             "",
             "| Rule | A contrast *holds* if | A contrast is *contradicted* if |",
             "|---|---|---|",
@@ -114,13 +144,10 @@ def _summary(verdicts: Sequence[Verdict]) -> str:
     if checks:
         line += f" Of {len(checks)} checks of this study: {_tally(checks)}."
     seeds = sorted({finding.seeds for verdict in verdicts for finding in verdict.findings})
-    if seeds == [1]:
-        return (
-            f"{line} There is one training seed: the intervals are over scenarios only, and do not"
-            " include the variation of training."
-        )
-    ends = " to ".join(map(str, dict.fromkeys([seeds[0], seeds[-1]]))) if seeds else "none"
-    return f"{line} Training seeds: {ends}."
+    if not seeds:
+        return line
+    ends = " to ".join(map(str, dict.fromkeys([seeds[0], seeds[-1]])))
+    return f"{line} Training seeds: {ends}; {basis(seeds)}."
 
 
 def _tally(verdicts: Sequence[Verdict]) -> str:

@@ -40,7 +40,7 @@ import numpy as np
 
 from study.common.arrays import Array, Doubles, Integers
 from study.metrics.brier import brier_fair
-from study.metrics.intervals import RESAMPLES, percentiles, resampled_means
+from study.metrics.intervals import band
 
 BINS = 10
 """Bins of forecast probability, of equal width."""
@@ -162,14 +162,13 @@ def reliability_curve(
     observed_probability: Array,
     bins: int = BINS,
     smallest: int = 10,
-    resamples: int = RESAMPLES,
 ) -> Curve:
     """Mean forecast and observed frequency of each bin, with a 95 % interval of the frequency.
 
-    Intervals are by a bootstrap over scenarios, and over training seeds if there are several.
-    Rollouts of one scenario are not independent, so they are not resampled. The intervals are
-    around the observed frequency and not around the diagonal (Bröcker and Smith 2007), because a
-    diagram shows several models.
+    Intervals are t intervals over scenarios, and over training seeds if there are several
+    (`study.metrics.intervals`). A frequency is a ratio of means, so they are intervals of its
+    linear approximation, within [0, 1]. They are around the observed frequency and not around the
+    diagonal (Bröcker and Smith 2007), because a diagram shows several models.
 
     Each forecast is binned by its own value, so the curve of a perfect forecaster with few samples
     is slightly too flat. `decompose` corrects this bias.
@@ -178,9 +177,7 @@ def reliability_curve(
         forecast_probability: [S], or [seeds, S].
         observed_probability: [S], share of the rollouts in which the outcome happens.
         bins: number of bins of equal width.
-        smallest: a bin with fewer forecasts a seed, on average, is merged with its neighbour. A
-            bootstrap needs about ten.
-        resamples: of the bootstrap.
+        smallest: a bin with fewer forecasts a seed, on average, is merged with its neighbour.
     """
     forecast = np.atleast_2d(np.asarray(forecast_probability, np.float64))
     observed = np.asarray(observed_probability, np.float64)
@@ -189,12 +186,13 @@ def reliability_curve(
     within = (group[:, None] == used).reshape(*forecast.shape, -1).astype(np.float64)
     count = within.sum((0, 1))
     successes = within * observed[:, None]
-    means = resampled_means(np.concatenate([successes, within], axis=-1), resamples)
-    succeeded, included = np.split(means, 2, axis=-1)
-    # A bin that is empty in a resample has no frequency there: use the mean of the sample.
     mean = successes.sum((0, 1)) / count
-    frequency = np.where(included > 0, succeeded / np.where(included > 0, included, 1), mean)
-    low, high = percentiles(frequency)
+    # Each forecast's contribution to the error of the frequency, to first order; its mean is zero.
+    error = band((successes - mean * within) / within.mean((0, 1)))
     return Curve(
-        (within * forecast[..., None]).sum((0, 1)) / count, mean, count.astype(np.int64), low, high
+        (within * forecast[..., None]).sum((0, 1)) / count,
+        mean,
+        count.astype(np.int64),
+        np.maximum(mean + error.low, 0),
+        np.minimum(mean + error.high, 1),
     )

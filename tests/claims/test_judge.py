@@ -1,12 +1,14 @@
 """Verdicts on scores for which they are known."""
 
 import json
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from study.claims.judge import CLAIMS, Outcome, Verdict, judge
+from study.claims.claim import Rule
+from study.claims.judge import CLAIMS, Outcome, Verdict, _status, judge
 from study.claims.report import to_json, to_markdown
 from study.config.names import FULL, LEVELS, MLP, ORACLE, RESIDUAL
 from tests.helpers.synthetic import AS_THE_PAPER, scores
@@ -50,33 +52,82 @@ def test_the_opposite_of_the_paper() -> None:
 
 
 def test_a_claim_that_holds_in_part() -> None:
-    """The residual VAE beats the MLP, and not the full VAE."""
+    """The residual VAE beats the MLP, and the full VAE beats the residual VAE."""
     table = with_mmd({RESIDUAL: (0.15, 0.2)})
     (found,) = verdicts(table, "mmd-residual-lowest-pusher-low")
     assert found.outcome is Outcome.PARTLY
     assert [finding.status for finding in found.findings] == ["contradicted", "holds"]
 
 
-def test_a_tie_is_no_advantage() -> None:
+def test_a_tie_is_no_advantage_and_no_disadvantage() -> None:
     table = with_mmd({RESIDUAL: (0.1, 0.16), MLP: (0.1, 0.16)})
-    assert outcome(table, "mmd-residual-lowest-pusher-low") is Outcome.NOT_REPRODUCED
+    assert outcome(table, "mmd-residual-lowest-pusher-low") is Outcome.INCONCLUSIVE
 
 
-def test_an_exact_tie_is_no_advantage_either() -> None:
+def test_an_exact_tie_is_undecided_too() -> None:
     table = scores()
     tied = table[table.model == FULL].assign(model=RESIDUAL)
     table = pd.concat([table[table.model != RESIDUAL], tied], ignore_index=True)
     first = verdicts(table, "mmd-residual-lowest-pusher-low")[0].findings[0]
     assert (first.effect, first.low, first.high) == (0, 0, 0)
-    assert first.status == "contradicted"
+    assert first.status == "undecided"
 
 
 def test_a_difference_too_small_to_matter() -> None:
-    """The interval is above zero, but the effect is below the smallest effect of interest."""
-    table = with_mmd({FULL: (0.051, 0.052)}, deviation=0.0001)
-    first = verdicts(table, "mmd-residual-lowest-pusher-low")[0].findings[0]
-    assert first.low > 0
-    assert first.status == "contradicted"
+    """The interval is on one side of zero, but the effect is below the smallest of interest."""
+    for mmd2 in (0.051, 0.049):
+        table = with_mmd({FULL: (mmd2, 0.052)}, deviation=0.0001)
+        first = verdicts(table, "mmd-residual-lowest-pusher-low")[0].findings[0]
+        assert first.low * first.high > 0
+        assert first.status == "undecided"
+
+
+INTERVALS = np.array([-9, -3, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 3, 9])
+"""Ends of intervals; the smallest effect of interest is 1."""
+
+
+@pytest.mark.parametrize("rule", Rule)
+def test_an_interval_that_contains_zero_contradicts_nothing(rule: Rule) -> None:
+    for low, high in combinations(INTERVALS, 2):
+        for effect in (low, (low + high) / 2, high):
+            status = _status(rule, effect, low, high, margin=1.0)
+            if low <= 0 <= high:
+                assert status != "contradicted"
+            if status == "contradicted":
+                assert abs(effect) >= 1
+
+
+@pytest.mark.parametrize(
+    ("rule", "ends", "status"),
+    [
+        (Rule.ABOVE, (1, 3), "holds"),
+        (Rule.ABOVE, (-0.5, 3), "undecided"),
+        (Rule.ABOVE, (-3, 0.5), "undecided"),
+        (Rule.ABOVE, (-0.5, 0.5), "undecided"),
+        (Rule.ABOVE, (-3, -0.5), "contradicted"),
+        (Rule.EQUAL, (-0.5, 0.5), "holds"),
+        (Rule.EQUAL, (-0.5, 1.5), "undecided"),
+        (Rule.EQUAL, (-9, 9), "undecided"),
+        (Rule.EQUAL, (1.5, 3), "contradicted"),
+        (Rule.NOT_BELOW, (-0.5, 9), "holds"),
+        (Rule.NOT_BELOW, (-1.5, 9), "undecided"),
+        (Rule.NOT_BELOW, (-3, -0.5), "contradicted"),
+        (Rule.NOT_BELOW, (np.inf, np.inf), "holds"),
+        (Rule.NOT_BELOW, (-np.inf, np.inf), "undecided"),
+    ],
+)
+def test_the_rules(rule: Rule, ends: tuple[float, float], status: str) -> None:
+    effect = ends[0] if np.isinf(ends[1]) else np.mean(ends)
+    assert _status(rule, effect, *ends, margin=1.0) == status
+
+
+def test_two_seeds_that_differ_decide_nothing() -> None:
+    """The sign of an advantage that two seeds disagree on is open, however many scenarios."""
+    table = scores(seeds=2)
+    first = (table.metric == "mmd2") & (table.model == FULL) & (table.seed == 0)
+    table.loc[first, "value"] += 0.2
+    (found,) = verdicts(table, "mmd-residual-lowest-uav-low")
+    assert [finding.status for finding in found.findings] == ["undecided", "holds"]
 
 
 def test_noise_is_inconclusive() -> None:
@@ -109,9 +160,9 @@ def test_brier_scores_that_fall_on_the_uav() -> None:
 def test_one_seed() -> None:
     found = judge(scores(seeds=1))
     assert {finding.seeds for verdict in found for finding in verdict.findings} == {1}
-    assert "There is one training seed" in to_markdown(found)
+    assert "Training seeds: 1; 95 % t intervals over scenarios only" in to_markdown(found)
     two = verdicts(scores(seeds=2), "mmd-full-rises-uav")
-    assert "Training seeds: 2." in to_markdown(two)
+    assert "Training seeds: 2; 95 % t intervals over training seeds and" in to_markdown(two)
 
 
 def test_missing_cells_are_not_run() -> None:

@@ -182,6 +182,6 @@ def test_intervals_of_the_curve_cover() -> None:
     for _ in range(150):
         true = generator.random(200)
         observed = sampled(true, 20, generator).mean(1)
-        curve = reliability_curve(true, observed, bins=5, resamples=300)
+        curve = reliability_curve(true, observed, bins=5)
         covered.append((curve.low <= curve.forecast) & (curve.forecast <= curve.high))
     assert 0.88 < np.mean(covered) < 0.99
