@@ -1,7 +1,7 @@
 """State components along rotating axes, expressed in a fixed frame.
 
-A vehicle accelerates northwards when it tilts towards the north, whatever its heading. A network
-that sees roll, pitch and heading would first have to learn this rotation. So an environment may
+A vehicle accelerates northwards when it tilts towards the north, at any heading. A network whose
+inputs are roll, pitch and heading would first have to learn this rotation. So an environment may
 name pairs (a, b) of state variables along axes that are rotated by an angle ψ. Learned models
 work on the components in the fixed frame,
 
@@ -31,12 +31,15 @@ def to_fixed_frame(states: Tensor, pairs: Tensor) -> Tensor:
     Args:
         states: [..., D] in SI units.
         pairs: [P, 3], see `rotating_pairs_of`.
+
+    Returns:
+        `states`.
     """
     return _rotate(states, pairs, 1)
 
 
 def to_rotating_frame(states: Tensor, pairs: Tensor) -> Tensor:
-    """Change the pairs back to the rotating frame, in place; arguments as of `to_fixed_frame`."""
+    """Change the pairs back to the rotating frame, in place; see `to_fixed_frame`."""
     return _rotate(states, pairs, -1)
 
 

@@ -13,7 +13,7 @@ FILE_NAME = "kernel.json"
 
 @dataclass(frozen=True)
 class Kernel:
-    """Scales and bandwidths, shared by all models of an environment.
+    """Scales and bandwidths; all models of an environment are scored with the same.
 
     Attributes:
         names: D names of the state variables.

@@ -1,4 +1,4 @@
-"""Write a data set in the format of Minari, which offline RL shares (https://minari.farama.org).
+"""Write a data set in the format of Minari, a library for offline RL (https://minari.farama.org).
 
 `study.envs.minari_export` writes the training trajectories of an environment with it.
 
@@ -6,7 +6,7 @@ Reading a data set takes one line::
 
     dataset = minari.load_dataset("study/pusher/quick-v2")
 
-``dataset.recover_environment()`` gives the environment. The metadata of an episode hold
+``dataset.recover_environment()`` returns the environment. The metadata of an episode hold
 ``options``, with which ``reset`` begins the same trajectory, and ``unobserved`` [H]. The metadata
 of the data set hold, under ``study``, the facts of `Trajectories` and the SHA-256 of the data file.
 """
@@ -33,14 +33,14 @@ options with which `reset` begins the same trajectory."""
 
 @dataclass(frozen=True)
 class Transitions:
-    """N trajectories of T steps, as stepping a Gymnasium environment gives them.
+    """N trajectories of T steps, as ``gymnasium.Env.step`` returns them.
 
     Attributes:
-        observations: [N, T+1, D + G] float32.
+        observations: [N, T+1, D + G] float32, the state and then the goal, in SI units.
         actions: [N, T, A] float64, between -1 and 1.
         rewards: [N, T] float64.
-        terminations: [N, T].
-        truncations: [N, T].
+        terminations: [N, T], always False: the horizon alone ends an episode.
+        truncations: [N, T], True at the last step.
     """
 
     observations: Floats
@@ -64,16 +64,16 @@ class DataSet:
 
     @property
     def folder(self) -> Path:
-        """The data set's own folder."""
+        """The folder of the data set."""
         return self.root / self.id
 
 
 def new_data_set(identifier: str, root: Path | None = None) -> DataSet:
-    """Check that a data set can be written, before anything is simulated.
+    """Check that a data set can be written, before the simulation starts.
 
     Args:
         identifier: Minari's name for it.
-        root: folder of Minari data sets; None is Minari's own (``MINARI_DATASETS_PATH``).
+        root: folder of Minari data sets; None is Minari's default (``MINARI_DATASETS_PATH``).
 
     Raises:
         BadInput: Minari does not allow the name, or the data set exists.
@@ -118,15 +118,15 @@ def write(
     unobserved: Floats,
     facts: dict[str, Any],
 ) -> None:
-    """Write a data set. Its folder has its final name only once it is complete.
+    """Write a data set. The folder gets its final name when it is complete.
 
     Args:
-        data_set: name and location; `create_parents` has to come first.
-        environment: made by ``gymnasium.make``.
+        data_set: name and location; call `create_parents` first.
+        environment: created by ``gymnasium.make``.
         title: name of the environment in text.
         transitions: of N trajectories.
         options: N options with which ``reset`` begins the same trajectories.
-        unobserved: [N, H].
+        unobserved: [N, H], the unobserved variables.
         facts: see `Trajectories.facts`.
     """
     import minari
@@ -141,7 +141,7 @@ def write(
             observation_space=environment.observation_space,
             action_space=environment.action_space,
             env_spec=environment.spec,
-            data_format="hdf5",  # Every version of Minari reads it.
+            data_format="hdf5",  # the format that every version of Minari reads
         )
         storage.update_episodes(_episodes(transitions, options))
         storage.update_episode_metadata({"unobserved": values} for values in unobserved)

@@ -10,12 +10,12 @@ from study.common.arrays import Array, Doubles
 def moments(read_parts: Callable[[], Iterable[Array]]) -> tuple[Doubles, Doubles]:
     """Mean [D] and standard deviation [D] over all axes but the last, in double precision.
 
-    The sums run through the rows in their order. So the result does not depend on the division into
-    parts, and equals ``mean`` and ``std`` of the whole array bit for bit.
+    The rows are summed in their order. So the result does not depend on the division into parts,
+    and equals ``mean`` and ``std`` of the whole array bit for bit.
 
     Args:
-        read_parts: gives the array [..., D] part by part. It is called twice, and has to give the
-            same parts each time.
+        read_parts: returns the array [..., D] part by part. It is called twice, and must return
+            the same parts both times.
     """
     count, total = _sum(read_parts, lambda rows: rows)
     mean = total / count

@@ -15,7 +15,7 @@ from study.data.trajectories import Trajectories
 SMALLEST_SCALE = 1e-6
 """A component with a smaller standard deviation is constant. Its scale is one."""
 CHUNK = 1000
-"""Trajectories that are in memory together."""
+"""Trajectories in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def _copy(values: Floats) -> Tensor:
 
 
 def _normalize(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
-    # In place: a large data set is in memory once.
+    # In place, so that memory holds a large data set only once.
     return values.sub_(torch.from_numpy(mean)).div_(torch.from_numpy(scale))
 
 

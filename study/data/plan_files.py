@@ -1,13 +1,13 @@
 """Action plans in files: an initial state, a goal and actions, in CSV or JSON.
 
 A column is a variable of the system, in its unit (``study/envs/README.md`` lists them). The prefix
-tells the groups apart, since both the state and the action of the UAV have a ``vx``:
+names the group, since both the state and the action of the UAV have a ``vx``:
 
 ======================  ==================================  =====================================
 column                  for the UAV                         values
 ======================  ==================================  =====================================
 ``s0.NAME``             ``s0.x`` … ``s0.battery``           one: the initial state
-``goal.NAME``           ``goal.target_x`` …                 one: the goal, which no model sees
+``goal.NAME``           ``goal.target_x`` …                 one: the goal, no input of a model
 ``action.NAME``         ``action.vx`` … ``action.yaw_rate``  T: the action of each control step
 ======================  ==================================  =====================================
 
@@ -171,17 +171,17 @@ def _numbers(name: str, values: list[Any], variable: Variable, count: int) -> li
 
 
 def _number(name: str, step: int, value: Any, variable: Variable) -> float:
-    where = f"{name}, step {step}" if name.startswith("action.") else name
+    location = f"{name}, step {step}" if name.startswith("action.") else name
     try:
         number = float("" if isinstance(value, bool) else value)
     except (TypeError, ValueError):
-        raise BadInput(f"{where}: got '{value}'; it must be a number") from None
+        raise BadInput(f"{location}: got '{value}'; it must be a number") from None
     if not np.isfinite(number):
-        raise BadInput(f"{where}: got {value}; it must be a finite number")
+        raise BadInput(f"{location}: got {value}; it must be a finite number")
     low, high = variable.low, variable.high
     # Compared as float32: the nearest float32 to a bound may lie beyond the bound.
     if not np.float32(low) <= np.float32(number) <= np.float32(high):
-        raise BadInput(f"{where}: got {value}; it must be {low:g} to {high:g} {variable.unit}")
+        raise BadInput(f"{location}: got {value}; it must be {low:g} to {high:g} {variable.unit}")
     return number
 
 

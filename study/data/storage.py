@@ -31,7 +31,7 @@ TYPES = {
 }
 """NumPy's types by their safetensors names."""
 READ_SIZE = 2**20
-"""Bytes that are hashed together."""
+"""Bytes that are read and hashed at a time."""
 NO_CHECKSUM = "0" * 64
 """Placeholder in the header until the checksum is known; it has the same length."""
 
@@ -87,21 +87,22 @@ def save_parts(
     with replacing(path) as temporary, temporary.open("wb+") as file:
         locations: dict[str, Location] = {}
         shapes: dict[str, tuple[int, ...]] = {}
-        done = 0
+        written = 0
         for part in parts:
             if not locations:
                 shapes = {name: (rows, *array.shape[1:]) for name, array in part.items()}
                 locations = _write_header(file, shapes, _header_entry(NO_CHECKSUM, facts))
             (length,) = {len(array) for array in part.values()}
-            if done + length > rows or {n: (rows, *a.shape[1:]) for n, a in part.items()} != shapes:
-                raise ValueError(f"{path}: rows {done} to {done + length} do not fit its shapes")
+            end = written + length
+            if end > rows or {n: (rows, *a.shape[1:]) for n, a in part.items()} != shapes:
+                raise ValueError(f"{path}: rows {written} to {end} do not fit its shapes")
             for name, array in part.items():
                 location = locations[name]
-                file.seek(location.start + done * (location.size // rows))
+                file.seek(location.start + written * (location.size // rows))
                 file.write(np.ascontiguousarray(array, location.dtype).data if array.size else b"")
-            done += length
-        if done != rows:
-            raise ValueError(f"{path}: got {done} rows, expected {rows}")
+            written = end
+        if written != rows:
+            raise ValueError(f"{path}: got {written} rows, expected {rows}")
         # The checksum replaces `NO_CHECKSUM`, which has the same length.
         _write_header(file, shapes, _header_entry(_checksum(file, locations), facts))
 

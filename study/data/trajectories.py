@@ -16,7 +16,7 @@ from study.data.storage import Arrays, load_arrays, save_arrays, save_parts
 class Trajectories:
     """N observed trajectories, equation (1), in SI units.
 
-    No model sees the goal or the unobserved variables.
+    The goal and the unobserved variables are no inputs of a model.
 
     Attributes:
         states: [N, T+1, D] float32; ``states[:, 0]`` is s_0.
@@ -41,7 +41,7 @@ class Trajectories:
         return self.actions.shape[1]
 
     def __getitem__(self, index: slice | Integers) -> "Trajectories":
-        """Some of the trajectories."""
+        """The selected trajectories."""
         return Trajectories(
             self.states[index],
             self.actions[index],
@@ -67,16 +67,18 @@ class Trajectories:
 
 @dataclass(frozen=True)
 class ScenarioSet:
-    """S scenarios with K observed rollouts each, in SI units; forecasts are scored on these.
+    """S scenarios with K observed rollouts each, in SI units, on which forecasts are scored.
 
-    No model sees the goal or the unobserved variables.
+    The rollouts of a scenario have the same initial state and actions.
+
+    The goal and the unobserved variables are no inputs of a model.
 
     Attributes:
         s0: [S, D] float32, initial states.
         actions: [S, T, A] float32.
-        goal: [S, G] float32.
-        observed: [S, K, T, D] float32, the states s_1 … s_T of K rollouts of the same s0, actions.
-        unobserved: [S, K, H] float32.
+        goal: [S, G] float32, the goal of each scenario.
+        observed: [S, K, T, D] float32, the states s_1 … s_T of K rollouts.
+        unobserved: [S, K, H] float32, the unobserved variables that acted on each rollout.
         facts: JSON values: names, units, seeds and versions.
     """
 
@@ -91,7 +93,7 @@ class ScenarioSet:
         return len(self.s0)
 
     def __getitem__(self, index: slice | Integers) -> "ScenarioSet":
-        """Some of the scenarios."""
+        """The selected scenarios."""
         return ScenarioSet(
             self.s0[index],
             self.actions[index],
@@ -120,9 +122,9 @@ Observed = TypeVar("Observed", Trajectories, ScenarioSet)
 
 
 def save_all(path: Path, parts: Iterable[Observed], count: int) -> None:
-    """Write `count` trajectories or scenarios that are given part by part.
+    """Write `count` trajectories or scenarios part by part.
 
-    The file has the same bytes as if all were saved together. One part is in memory at a time.
+    The file has the same bytes as after `save` of all parts. One part is in memory at a time.
     """
     iterator = iter(parts)
     first = next(iterator)
@@ -130,11 +132,11 @@ def save_all(path: Path, parts: Iterable[Observed], count: int) -> None:
 
 
 def concatenate(parts: Iterable[Observed]) -> Observed:
-    """All parts in one object, in memory; it has the facts of the first part."""
+    """Join all parts in memory. The result has the facts of the first part."""
     parts = list(parts)
     arrays = [_arrays(part) for part in parts]
-    whole = {name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]}
-    return type(parts[0])(facts=parts[0].facts, **whole)
+    joined = {name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]}
+    return type(parts[0])(facts=parts[0].facts, **joined)
 
 
 def _arrays(observed: Trajectories | ScenarioSet) -> Arrays:

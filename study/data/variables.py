@@ -39,7 +39,7 @@ class Constant:
 
 
 class System(Protocol):
-    """What a file about a system needs to know of it; every simulator has these.
+    """The variables and the horizon of a system. Every simulator has these attributes.
 
     Attributes:
         state: the D components of the state.

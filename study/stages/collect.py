@@ -24,7 +24,7 @@ VALIDATION_ROLLOUTS = 4
 def run(
     settings: CollectSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module. Training, validation and test scenarios have separate seeds."""
+    """Run the stage. Training, validation and test scenarios have separate seeds."""
     collect = settings.collect
     simulator, seed = real_system(settings.environment, collect)
     training = observe_training(settings.environment, collect, progress.part(0.0, 0.5))

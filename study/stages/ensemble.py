@@ -27,7 +27,7 @@ from study.training.inputs import training_data
 def run(
     settings: EnsembleSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module."""
+    """Run the stage."""
     training, validation, normalization = training_data(settings.training, inputs["data"])
     ensemble = settings.ensemble
     data = TrajectoryDataModule(
@@ -54,10 +54,10 @@ def run(
 
 
 def _out_of_fold(parts: Iterator[Floats]) -> Iterator[Floats]:
-    """Replace every member's forecast by that of the member that left the trajectory out.
+    """Replace every member's forecast by that of the member whose fold holds the trajectory.
 
-    A residual model then never sees a residual to a member that was trained on the trajectory,
-    whichever member it samples. The folds are those of `ShuffledBatches`.
+    That member was not trained on the trajectory. So a residual model is trained on out-of-fold
+    residuals alone, for every member that it samples. `ShuffledBatches` defines the folds.
 
     Args:
         parts: ŷ_m [n, M, T, D] of consecutive trajectories.

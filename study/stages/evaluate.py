@@ -3,8 +3,8 @@
 Every forecaster, the oracle included, is scored by the same code. Writes
 
 - ``scores.parquet``, the tidy table of `study.metrics.tables.scores`;
-- ``examples.safetensors``, the forecasts of a few scenarios, chosen by stated rules, for the
-  recordings;
+- ``examples.safetensors``, for the recordings: the forecasts of a few scenarios, which the rules of
+  `study.recording.examples` select;
 - ``illustration.safetensors`` for a forecaster with an ensemble: the positions and variances that
   Fig. 1 of the paper shows.
 """
@@ -36,7 +36,7 @@ from study.recording.illustration import illustrate
 def run(
     settings: EvaluateSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module."""
+    """Run the stage."""
     evaluate = settings.evaluate
     test = ScenarioSet.load(inputs["data"] / "test.safetensors")
     simulator = simulators[settings.environment](horizon=test.actions.shape[1])
@@ -64,9 +64,9 @@ def run(
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
     scores.to_parquet(out / "scores.parquet", index=False)
-    chosen = choose_examples(scores, evaluate.examples)
-    arrays = example_arrays(forecaster, test, forecasts, seeds, np.array(list(chosen.values())))
-    save_arrays(out / "examples.safetensors", arrays, {"rules": list(chosen)})
+    examples = choose_examples(scores, evaluate.examples)
+    arrays = example_arrays(forecaster, test, forecasts, seeds, np.array(list(examples.values())))
+    save_arrays(out / "examples.safetensors", arrays, {"rules": list(examples)})
     if "members" in arrays:
-        illustration, facts = illustrate(simulator, arrays, list(chosen))
+        illustration, facts = illustrate(simulator, arrays, list(examples))
         save_arrays(out / "illustration.safetensors", illustration, facts)

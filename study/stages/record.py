@@ -1,7 +1,7 @@
 """Stage record: the Rerun recordings of a cell, from the files of earlier stages.
 
-Writes ``forecast.rrd`` and ``scores.rrd``, and where the cell has them ``training.rrd`` and
-``tuning.rrd``, each with its SHA-256.
+Writes ``forecast.rrd`` and ``scores.rrd``, ``training.rrd`` for a fitted model, and ``tuning.rrd``
+for a tuned model, each with its SHA-256.
 """
 
 import json
@@ -27,10 +27,10 @@ from study.recording.tuning import read_trials, record_tuning
 def run(
     settings: RecordSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module."""
+    """Run the stage."""
     cell = Cell(**asdict(settings))
     properties = _properties(cell, inputs)
-    # A residual model has both inputs: its own training is shown.
+    # A residual model has both inputs. The recording shows the training of the residual model.
     fitted = inputs.get("trained", inputs.get("ensemble"))
     if fitted is not None:
         record_training(out / "training.rrd", read_curves(fitted / "metrics.csv"), properties)

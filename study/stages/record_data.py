@@ -1,6 +1,6 @@
 """Stage record_data: the Rerun recording of an environment's training data.
 
-Writes ``data.rrd``, with its SHA-256, of the first trajectories that the stage collect observed.
+Writes ``data.rrd`` with its SHA-256: the first training trajectories of the stage collect.
 """
 
 import json
@@ -15,13 +15,13 @@ from study.envs import simulators
 from study.recording.data import record_data
 
 TRAJECTORIES = 20
-"""Trajectories in the recording."""
+"""Number of trajectories in the recording."""
 
 
 def run(
     settings: RecordDataSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module."""
+    """Run the stage."""
     trajectories = Trajectories.load(inputs["data"] / "train.safetensors")[:TRAJECTORIES]
     simulator = simulators[settings.environment](horizon=trajectories.horizon)
     properties = {

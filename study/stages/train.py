@@ -1,4 +1,4 @@
-"""Stage train: fit one cell's model, with the β that the stage tune chose, where it has one.
+"""Stage train: fit one cell's model, with the β of the stage tune if the cell has that stage.
 
 Writes ``model.safetensors``, ``metrics.csv`` (training curves) and ``fit.json`` (β, best score).
 """
@@ -16,7 +16,7 @@ from study.training.validation import LogForecastScore
 
 
 def run(settings: TrainSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
-    """See the module."""
+    """Run the stage."""
     beta = None
     if "tuning" in inputs:
         beta = read_json(inputs["tuning"] / "tuning.json")["beta"]

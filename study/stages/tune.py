@@ -1,8 +1,8 @@
 """Stage tune: Optuna searches β, uniformly in log β, by the score of validation forecasts.
 
 Writes ``tuning.json`` (the best β and every trial) and ``journal.log``, an Optuna journal that
-``optuna-dashboard`` opens. A stopped search resumes: what a trial does depends on the cell's seed
-and on the trials that ended before it, so a stop changes nothing.
+``optuna-dashboard`` opens. A stopped search can be resumed, with the same result: a trial depends
+only on the cell's seed and on the trials that ended before it.
 """
 
 import gc
@@ -33,11 +33,12 @@ from study.training.inputs import prepare
 from study.training.validation import LogForecastScore
 
 RESUMABLE = True
+"""A new run of this stage may use the files of a stopped one, see `study.workflow.worker`."""
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 
 def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
-    """See the module."""
+    """Run the stage."""
     tune = settings.tune
     search = _open_search(settings, out)
     while (index := len(search.get_trials(deepcopy=False, states=ENDED))) < tune.trials:
@@ -52,7 +53,10 @@ def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress:
         elif np.isfinite(score):
             search.tell(trial, score)
         else:
-            raise StudyError(f"beta {beta:.3g}: the validation score is {score}")
+            raise StudyError(
+                f"beta {beta:.3g}: the validation score is {score}; "
+                "change tune.beta_low or tune.beta_high"
+            )
     ended = search.get_trials(deepcopy=False, states=ENDED)
     write_json(
         out / "tuning.json",
@@ -65,7 +69,7 @@ def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress:
 
 
 def _open_search(settings: TuneSettings, out: Path) -> optuna.Study:
-    """The search in `out`, new or resumed. A trial that a stop interrupted counts as failed."""
+    """The search in `out`, new or resumed. An interrupted trial counts as failed."""
     optuna.logging.enable_propagation()
     optuna.logging.disable_default_handler()
     search = optuna.create_study(
@@ -128,7 +132,7 @@ def _short_fit(
 ) -> float:
     """The validation score after a short fit. All trials start from the same weights."""
     tune, seed = settings.tune, settings.fit.seed
-    start = prepare(_of_trial(settings), inputs, beta, tune.samples, tune.validation)
+    start = prepare(_trial_settings(settings), inputs, beta, tune.samples, tune.validation)
     options = FitOptions(
         seed,
         tune.steps,
@@ -148,23 +152,23 @@ def _short_fit(
     for file in curves.glob("*"):
         file.unlink()
     curves.rmdir()
-    # Trainer and model refer to each other. Without a collection the data of every trial would
-    # stay in memory.
+    # Trainer and model refer to each other. Without garbage collection the data of every trial
+    # would stay in memory.
     del start
     gc.collect()
     return score
 
 
-def _of_trial(settings: TuneSettings) -> TrainSettings:
-    """The settings of a trial's fit: the model's, for a search, with the steps of a trial."""
+def _trial_settings(settings: TuneSettings) -> TrainSettings:
+    """The settings of a trial's fit: `Model.trial_settings`, with the steps of a trial."""
     model = models[settings.fit.model]
-    of_trial = model.trial_settings(from_json(model.settings_class, settings.fit.model_settings))
-    short = replace(of_trial, train=replace(of_trial.train, steps=settings.tune.steps))
+    trial = model.trial_settings(from_json(model.settings_class, settings.fit.model_settings))
+    short = replace(trial, train=replace(trial.train, steps=settings.tune.steps))
     return replace(settings.fit, model_settings=asdict(short))
 
 
 def trial_to_json(number: int, trial: FrozenTrial) -> dict[str, Any]:
-    """A trial: its β, its state, and its score; of a pruned trial, the last that it reported."""
+    """A trial as JSON: β, state and score. The score of a pruned trial is its last report."""
     complete = trial.state == TrialState.COMPLETE
     reported = trial.intermediate_values
     last = reported[max(reported)] if reported else None

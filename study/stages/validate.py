@@ -1,6 +1,6 @@
 """Stage validate: score a fitted model on validation scenarios, for choices between models.
 
-Writes ``validation.json``. Choices made here do not see the test set.
+Writes ``validation.json``. A choice by these scores does not use the test set.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from study.training.validation import validation_mmd2
 def run(
     settings: ValidateSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
-    """See the module."""
+    """Run the stage."""
     validation = ScenarioSet.load(inputs["data"] / "validation.safetensors")
     observed = validation.observed
     simulator = simulators[settings.environment](horizon=validation.actions.shape[1])

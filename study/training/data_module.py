@@ -1,4 +1,4 @@
-"""The LightningDataModule: whole trajectories in memory, normalized, batched by index."""
+"""The LightningDataModule: whole trajectories in memory, normalised, batched by index."""
 
 from collections.abc import Iterator
 
@@ -32,8 +32,8 @@ class InMemory(Dataset[Batch]):
 class ShuffledBatches(Sampler[Tensor]):
     """Endless index batches, shuffled anew in every epoch.
 
-    Networks that are trained in parallel each have a data stream of their own: the same data in
-    another order.
+    Each of several networks that are trained in parallel has a separate data stream: the same data
+    in another order.
 
     Args:
         size: number of trajectories N.
@@ -72,8 +72,8 @@ class ShuffledBatches(Sampler[Tensor]):
 class TrajectoryDataModule(L.LightningDataModule):
     """Batches for one model.
 
-    A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, where given,
-    ``members`` [B, M, T, D], the ensemble's forecasts; all are normalized. With data streams for
+    A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, for a residual model,
+    ``members`` [B, M, T, D], the ensemble's forecasts. All are normalised. With data streams for
     networks that are trained in parallel, each tensor has a leading axis of streams.
 
     The one validation batch holds ``s0`` [V, D], ``actions`` [V, T, A] and ``observed``
@@ -121,10 +121,10 @@ class TrajectoryDataModule(L.LightningDataModule):
         self.sampler = ShuffledBatches(len(training), batch_size, seeds, one_stream, cross_fit)
 
     def train_dataloader(self) -> DataLoader[Batch]:
-        """Endless batches: the trainer stops after its number of steps, or early."""
+        """Endless batches; the trainer stops after `FitOptions.steps` steps, or early."""
         return DataLoader(self.training, sampler=self.sampler, batch_size=None)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """One batch of all validation scenarios."""
-        everything = [torch.arange(len(self.validation))]
-        return DataLoader(self.validation, sampler=everything, batch_size=None)
+        all_scenarios = [torch.arange(len(self.validation))]
+        return DataLoader(self.validation, sampler=all_scenarios, batch_size=None)

@@ -1,4 +1,4 @@
-"""How every network of the study is fitted: one Lightning Trainer, early stopping, one CSV log."""
+"""Fit any network of the study: a Lightning Trainer with early stopping and a CSV log."""
 
 import shutil
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ from study.training.data_module import TrajectoryDataModule
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How long a model is trained.
+    """The options of a fit.
 
     Attributes:
         seed: of sampling during training.
-        steps: optimiser steps at most.
+        steps: largest number of optimiser steps.
         validate_every: steps between two evaluations on the validation data.
-        patience: evaluations without improvement before training stops, and the best weights are
-            kept. None trains to the end and keeps the last weights.
-        clip: largest norm of the gradient; None does not clip.
-        accelerator: Lightning's.
+        patience: evaluations without improvement after which training stops; the model gets the
+            best weights. None trains to the end; the model keeps the last weights.
+        clip: largest norm of the gradient; None for no clipping.
+        accelerator: see ``lightning.Trainer``.
     """
 
     seed: int
@@ -60,7 +60,7 @@ class ReportProgress(Callback):
         self.progress, self.steps = progress, steps
 
     def on_train_batch_end(self, trainer: L.Trainer, *_: Any) -> None:
-        """One more step."""
+        """Report after each step."""
         self.progress(trainer.global_step / self.steps, f"step {trainer.global_step}")
 
 
@@ -75,12 +75,12 @@ def fit(
     """Fit `model`, and leave it with the weights that `FitOptions.patience` asks for.
 
     Args:
-        model: a new model. Some callback, or the model itself, logs ``validation_score``.
+        model: a new model. A callback, or the model itself, logs ``validation_score``.
         data: training and validation batches.
         out: folder for ``metrics.csv``, the training curves.
         progress: called with the fraction done.
-        options: how long to train.
-        callbacks: of Lightning.
+        options: of the fit.
+        callbacks: of Lightning, called before the checkpoint is written.
 
     Returns:
         the validation score of the weights; NaN if there was no validation.

@@ -1,4 +1,4 @@
-"""What a fit starts from: the cell's training data, its ensemble, and a new model."""
+"""The inputs of a fit: the cell's training data, its ensemble, and a new model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ VALIDATION_SAMPLES = 16
 
 @dataclass(frozen=True)
 class FitInputs:
-    """A new model and what it is fitted with.
+    """A new model, its data and its training options.
 
     Attributes:
         model: with initial weights.
-        data: its batches.
+        data: batches for the model.
         train: the training options.
-        score: its validation score.
+        score: the validation score.
     """
 
     model: Model
@@ -55,8 +55,11 @@ def prepare(
         settings: of the fit.
         inputs: folders ``data`` and, for a model that uses the ensemble, ``ensemble``.
         beta: β of equation (12); None for a model without one.
-        samples: forecasts of each validation scenario.
-        scenarios: validation scenarios; None takes all.
+        samples: number of forecasts of each validation scenario.
+        scenarios: number of validation scenarios; None takes all.
+
+    Raises:
+        StudyError: a file of `inputs` is missing or damaged.
     """
     training, validation, normalization = training_data(settings.training, inputs["data"])
     model_class = models[settings.model]
@@ -80,22 +83,29 @@ def prepare(
 
 
 def training_data(
-    chosen: TrainingSet, folder: Path
+    selection: TrainingSet, folder: Path
 ) -> tuple[Trajectories, ScenarioSet, Normalization]:
-    """The chosen training trajectories, the validation scenarios, and the normalization.
+    """The selected training trajectories, the validation scenarios, and the normalisation.
 
     Args:
-        chosen: a range of the training trajectories.
+        selection: a range of the training trajectories.
         folder: of the stage collect.
+
+    Raises:
+        StudyError: a file is missing or damaged.
     """
-    first, end = chosen.first, chosen.first + chosen.trajectories
+    first, end = selection.first, selection.first + selection.trajectories
     training = Trajectories.load(folder / "train.safetensors")[first:end]
     validation = ScenarioSet.load(folder / "validation.safetensors")
     return training, validation, Normalization.from_trajectories(training)
 
 
 def load_ensemble(folder: Path) -> RnnEnsemble:
-    """The fitted ensemble in the folder of the stage ensemble."""
+    """The fitted ensemble in the folder of the stage ensemble.
+
+    Raises:
+        StudyError: the file is missing or damaged.
+    """
     model = load_model(folder / "ensemble.safetensors")
     assert isinstance(model, RnnEnsemble)
     return model
@@ -106,6 +116,9 @@ def load_members(folder: Path) -> Floats:
 
     Args:
         folder: of the stage ensemble.
+
+    Raises:
+        StudyError: the file is missing or damaged.
     """
     arrays, _ = load_arrays(folder / "members.safetensors")
     return arrays["members"]

@@ -16,24 +16,24 @@ from study.metrics.mmd import mmd
 from study.models import Model
 
 MOST_STEPS = 30
-"""Steps of the horizon that are scored, at most: neighbouring steps have similar scores."""
+"""Largest number of steps that are scored, since neighbouring steps have similar scores."""
 
 
 def validation_mmd2(forecasts: Floats, observed: Floats, kernel: Kernel) -> float:
     """Unbiased MMD² averaged over scenarios, dimensions and evenly spaced steps.
 
     The test set is scored by the same measure. So early stopping and the search for β minimise the
-    score that is reported, on scenarios of their own.
+    reported score, on separate scenarios.
 
     Args:
         forecasts: [V, K, T, D] in SI units.
         observed: [V, L, T, D] in SI units.
-        kernel: units and bandwidths.
+        kernel: scales and bandwidths.
     """
     horizon = forecasts.shape[2]
-    every = -(-horizon // MOST_STEPS)
-    steps = slice((horizon - 1) % every, None, every)  # the last step and every `every`-th before
-    # Scenarios and steps are compared separately, so all may be steps of one scenario.
+    stride = -(-horizon // MOST_STEPS)
+    steps = slice((horizon - 1) % stride, None, stride)  # ends with the last step
+    # MMD² is computed for each scenario and step. So one call takes all of them as steps.
     x, y = (
         np.moveaxis(values[:, :, steps], 0, 1).reshape(1, values.shape[1], -1, values.shape[-1])
         for values in (forecasts, observed)
@@ -46,8 +46,8 @@ class ForecastScore:
     """Scores a model by its autoregressive forecasts of the validation scenarios.
 
     Attributes:
-        kernel: units and bandwidths.
-        samples: forecasts K of each scenario.
+        kernel: scales and bandwidths.
+        samples: K, the number of forecasts of each scenario.
         seed: of the forecasts, the same at every evaluation.
     """
 
@@ -73,7 +73,7 @@ class LogForecastScore(Callback):
     def on_validation_batch_end(
         self, trainer: L.Trainer, model: L.LightningModule, outputs: Any, batch: Any, *_: Any
     ) -> None:
-        """The one validation batch has been given to the model."""
+        """Score the model on the one validation batch."""
         assert isinstance(model, Model)
         score = self.score(model, batch)
         model.log("validation_score", score, batch_size=len(batch["s0"]))
