@@ -3,11 +3,13 @@
 import importlib
 import os
 import sys
+import sysconfig
 import traceback
 from collections.abc import Iterable
-from pathlib import Path
 
 from study.common.errors import BadInput
+
+LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 
 
 def import_plugins(names: Iterable[str]) -> None:
@@ -27,17 +29,17 @@ def import_plugins(names: Iterable[str]) -> None:
         except BadInput as error:
             raise BadInput(f"plugins: {error}") from None
         except (Exception, SystemExit) as error:
-            raise BadInput(f"plugins: cannot import '{name}': {_reason(error)}") from None
+            raise BadInput(f"plugins: cannot import '{name}': {reason(error)}") from None
 
 
-def _reason(error: BaseException) -> str:
-    """What went wrong in a module, and the file and line of the user where it did, in one line."""
+def reason(error: BaseException) -> str:
+    """What went wrong in code of the user, and the file and line where it did, in one line."""
     text = " ".join(str(error).split())[:200]
     if isinstance(error, SyntaxError):
         return f"{error.msg} ({error.filename}, line {error.lineno})" if error.filename else text
     frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame for frame in frames if not frame.filename.startswith(("<", __file__))]
-    lines = [frame for frame in lines if Path(frame.filename).parent.name != "importlib"]
+    skipped = ("<", __file__, *LIBRARIES)
+    lines = [frame for frame in frames if not frame.filename.startswith(skipped)]
     kind = "" if isinstance(error, ImportError) else f"{type(error).__name__}: "
     where = f" ({lines[-1].filename}, line {lines[-1].lineno})" if lines else ""
     return f"{kind}{text}{where}"

@@ -81,7 +81,9 @@ def check_class(simulator: Any) -> None:
     for name in ("state", "action", "goal", "unobserved"):
         variables = getattr(simulator, name)
         if not isinstance(variables, tuple) or not all(isinstance(v, Variable) for v in variables):
-            raise BadInput(f"{subject}.{name}: got {variables!r:.60}; it must be a tuple of Variable")
+            raise BadInput(
+                f"{subject}.{name}: got {variables!r:.60}; it must be a tuple of Variable"
+            )
         names = [variable.name for variable in variables]
         if len(set(names)) < len(names):
             raise BadInput(f"{subject}.{name}: got {names}; each variable has a name of its own")

@@ -13,7 +13,7 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
 from study.common.arrays import Floats
-from study.common.errors import BadInput, nearest
+from study.common.errors import BadInput, StudyError, nearest
 from study.common.registry import Registry, full_name, missing
 from study.common.seeds import Seeds
 from study.config.settings import Config, Train
@@ -188,6 +188,13 @@ class Model(L.LightningModule, Generic[S]):
                 torch.from_numpy(noise).to(self.device),
                 torch.from_numpy(member).to(self.device),
             )
+            wanted = (*noise.shape[:3], self.state_size)
+            if not isinstance(forecasts, Tensor) or forecasts.shape != wanted:
+                returned = list(forecasts.shape) if isinstance(forecasts, Tensor) else forecasts
+                raise StudyError(
+                    f"{full_name(type(self))}.sample returned {returned!r:.60}, "
+                    f"wanted {list(wanted)}"
+                )
             parts.append(self.denormalize(forecasts.float()).cpu().numpy())
         return np.concatenate(parts)
 
@@ -266,7 +273,9 @@ def check_class(model: Any) -> None:
         raise BadInput(f"{subject} lacks {', '.join(lacks)}: see study.models.Model")
     settings = model.settings_class
     if not is_dataclass(settings) or not settings.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-        raise BadInput(f"{subject}.settings_class: got {settings!r:.60}; a frozen dataclass is needed")
+        raise BadInput(
+            f"{subject}.settings_class: got {settings!r:.60}; a frozen dataclass is needed"
+        )
     if "train" not in [entry.name for entry in fields(settings)]:
         raise BadInput(f"{subject}.settings_class: {settings.__name__} lacks train: Train")
 

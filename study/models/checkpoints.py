@@ -44,7 +44,17 @@ def build(
         beta: for a class with `tunes_beta`.
         ensemble: for a class with `uses_ensemble`.
     """
-    model = class_of(name)
+    return construct(class_of(name), normalization, settings, beta, ensemble)
+
+
+def construct(
+    model: type[Model[Any]],
+    normalization: Normalization,
+    settings: Any,
+    beta: float | None = None,
+    ensemble: RnnEnsemble | None = None,
+) -> Model[Any]:
+    """A new model of a class; other arguments as of `build`."""
     arguments: dict[str, Any] = {}
     if model.tunes_beta:
         arguments["beta"] = beta

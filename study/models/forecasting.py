@@ -8,7 +8,9 @@ import numpy as np
 import torch
 
 from study.common.arrays import Floats, Integers
+from study.common.errors import StudyError
 from study.common.progress import Progress
+from study.common.registry import full_name
 from study.common.seeds import Seeds
 from study.data.storage import Arrays
 from study.data.trajectories import ScenarioSet
@@ -44,13 +46,23 @@ def load_forecaster(name: str, simulator: Simulator, inputs: Mapping[str, Path])
 def forecast_in_parts(
     forecaster: Forecaster, test: ScenarioSet, samples: int, seeds: Seeds, progress: Progress
 ) -> Floats:
-    """`Forecaster.forecast` of all scenarios [S, K, T, D], with a report after each tenth."""
+    """`Forecaster.forecast` of all scenarios [S, K, T, D], with a report after each tenth.
+
+    Raises:
+        StudyError: the forecasts have another shape, which scores might take for the right one.
+    """
     parts = np.array_split(np.arange(len(test)), min(10, len(test)))
     forecasts = []
     for count, part in enumerate(parts, start=1):
-        forecasts.append(
-            forecaster.forecast(test.s0[part], test.actions[part], samples, seeds[part])
-        )
+        s0, actions = test.s0[part], test.actions[part]
+        forecast = forecaster.forecast(s0, actions, samples, seeds[part])
+        wanted = (len(part), samples, actions.shape[1], s0.shape[1])
+        if np.shape(forecast) != wanted:
+            raise StudyError(
+                f"{full_name(type(forecaster))}.forecast returned {list(np.shape(forecast))}, "
+                f"wanted {list(wanted)}"
+            )
+        forecasts.append(forecast)
         progress(count / len(parts), "forecasting")
     return np.concatenate(forecasts)
 

@@ -6,17 +6,18 @@ import random
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 import numpy as np
 
 from study.common.progress import Progress
 from study.config.convert import from_json
 from study.config.stage_settings import STAGES
+from study.workflow.checks import check_classes
 from study.workflow.meter import Meter
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -77,11 +78,13 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
             out = store.begin(task, getattr(_module(task), "RESUMABLE", False))
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
+            check_classes(task, inputs)
             run_stage(task, inputs, out, progress)
             began_at = began.isoformat(timespec="milliseconds")
             store.finish(task, {"began": began_at, "threads": threads} | meter.read())
         except Exception as problem:
-            traceback.print_exc()
+            with suppress(OSError):  # the disk may be full
+                traceback.print_exc()
             error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]
         finally:
             store.progress(task).unlink(missing_ok=True)
@@ -120,9 +123,20 @@ def _module(task: Task) -> Stage:
 
 
 @contextmanager
+def _log_file(path: Path) -> Iterator[TextIO]:
+    """A new log. On a full disk its last lines are lost, and the error of the task is not."""
+    file = path.open("w", buffering=1, encoding="utf-8", errors="backslashreplace")
+    try:
+        yield file
+    finally:
+        with suppress(OSError):
+            file.close()
+
+
+@contextmanager
 def _logged(path: Path) -> Iterator[None]:
     """Write everything that the task prints or logs to the task's own file."""
-    with path.open("w", buffering=1, encoding="utf-8") as file:
+    with _log_file(path) as file:
         handler = logging.StreamHandler(file)
         handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         loggers = [logging.getLogger(name) for name in ("", "lightning", "lightning.pytorch")]
