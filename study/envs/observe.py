@@ -4,6 +4,7 @@ Every trajectory has its own seed, so the first n trajectories do not depend on 
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -11,11 +12,12 @@ import numpy as np
 
 from study import __version__
 from study.common.arrays import Floats
+from study.common.errors import StudyError
 from study.common.progress import Progress
 from study.common.seeds import Seeds, derive, spawn
 from study.config.settings import Collect
 from study.data.trajectories import ScenarioSet, Trajectories
-from study.data.variables import to_json
+from study.data.variables import Variable, to_json
 from study.envs.simulator import Scenarios, Simulator, simulators
 
 CHUNK = 1000
@@ -46,6 +48,9 @@ def observe_trajectories(
     """`count` trajectories of as many scenarios, chunk by chunk.
 
     The first n trajectories do not depend on `count`.
+
+    Raises:
+        StudyError: a state, an action or a goal is not finite.
     """
     scenario_seeds, noise_seeds = trajectory_seeds(seed, count)
     facts = _facts(simulator, seed)
@@ -53,6 +58,10 @@ def observe_trajectories(
         chunk = slice(start, start + CHUNK)
         scenarios, actions = sample_planned(simulator, scenario_seeds[chunk])
         rollout = simulator.rollout(scenarios.s0, actions, noise_seeds[chunk])
+        labels = _Labels(simulator, "training", "trajectory", start)
+        labels.check_scenarios(scenarios, actions)
+        labels.check(simulator.state, rollout.states, "step")
+        labels.check(simulator.unobserved, rollout.unobserved)
         yield Trajectories(rollout.states, actions, scenarios.goal, rollout.unobserved, facts)
         progress(min(1.0, (start + CHUNK) / count), f"{simulator.name}: training trajectories")
 
@@ -72,16 +81,29 @@ def sample_planned(simulator: Simulator, seeds: Seeds) -> tuple[Scenarios, Float
 
 
 def observe_scenarios(
-    simulator: Simulator, count: int, rollouts: int, seed: int, progress: Progress
+    simulator: Simulator,
+    count: int,
+    rollouts: int,
+    seed: int,
+    progress: Progress,
+    name: str = "test",
 ) -> Iterator[ScenarioSet]:
-    """`count` scenarios with `rollouts` noisy rollouts each, chunk by chunk."""
+    """`count` scenarios with `rollouts` noisy rollouts each, chunk by chunk.
+
+    Raises:
+        StudyError: a state, an action or a goal is not finite; it names the set by `name`.
+    """
     scenario_seeds, noise_seeds = trajectory_seeds(seed, count)
     scenarios, actions = sample_planned(simulator, scenario_seeds)
+    _Labels(simulator, name, "scenario", 0).check_scenarios(scenarios, actions)
     facts, start = _facts(simulator, seed), 0
     for observed, unobserved in repeat_rollouts(
         simulator, scenarios.s0, actions, rollouts, noise_seeds, progress
     ):
         chunk = slice(start, start + len(observed))
+        labels = _Labels(simulator, name, "scenario", start)
+        labels.check(simulator.state, observed, "rollout", "step", first_step=1)
+        labels.check(simulator.unobserved, unobserved, "rollout")
         s0, goal = scenarios.s0[chunk], scenarios.goal[chunk]
         yield ScenarioSet(s0, actions[chunk], goal, observed, unobserved, facts)
         start += len(observed)
@@ -126,6 +148,59 @@ def repeat_rollouts(
             rollout.unobserved.reshape(*shape, *rollout.unobserved.shape[1:]),
         )
         progress(min(1.0, (start + chunk_size) / len(s0)), f"{simulator.name}: repeated rollouts")
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """Names the value of a data set that is not finite.
+
+    Attributes:
+        simulator: the system.
+        name: of the data set.
+        row: what the first axis of the arrays is.
+        first: number of the first row.
+    """
+
+    simulator: Simulator
+    name: str
+    row: str
+    first: int
+
+    def check_scenarios(self, scenarios: Scenarios, actions: Floats) -> None:
+        """Check the initial states, goals and planned actions of scenarios."""
+        self.check(self.simulator.state, scenarios.s0)
+        self.check(self.simulator.goal, scenarios.goal)
+        self.check(self.simulator.action, actions, "step")
+
+    def check(
+        self, variables: tuple[Variable, ...], values: Floats, *axes: str, first_step: int = 0
+    ) -> None:
+        """Check that all values are finite.
+
+        Args:
+            variables: what the last axis is.
+            values: the array.
+            axes: what the axes between the first and the last are.
+            first_step: number of the first step, if the last of the axes has steps.
+
+        Raises:
+            StudyError: a value is not finite.
+        """
+        finite = np.isfinite(values)
+        if finite.all():
+            return
+        row, *middle, column = np.argwhere(~finite)[0]
+        value = values[row, *middle, column]
+        numbers = [self.first + row, *middle]
+        if axes and axes[-1] == "step":
+            numbers[-1] += first_step
+        places = zip((self.row, *axes), numbers, strict=True)
+        where = ", ".join(f"{axis} {number}" for axis, number in places)
+        rows = int((~finite).reshape(len(finite), -1).any(axis=1).sum())
+        raise StudyError(
+            f"{self.simulator.name}, {self.name} set: {where}: {variables[column].name} is {value} "
+            f"({rows} of {len(values)} here are not finite); numbers of a system must be finite"
+        )
 
 
 def _facts(simulator: Simulator, seed: int) -> dict[str, Any]:

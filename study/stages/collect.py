@@ -33,7 +33,7 @@ def run(
         ("validation", collect.validation, VALIDATION_ROLLOUTS, progress.part(0.5, 0.6)),
         ("test", collect.scenarios, collect.rollouts, progress.part(0.6, 1.0)),
     ):
-        scenarios = observe_scenarios(simulator, count, rollouts, derive(seed, name), part)
+        scenarios = observe_scenarios(simulator, count, rollouts, derive(seed, name), part, name)
         save_all(out / f"{name}.safetensors", scenarios, count)
     # Bandwidths come from validation rollouts: the test set is used for scores alone.
     validation = ScenarioSet.load(out / "validation.safetensors")
