@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from statistics import fmean
 from types import TracebackType
 
@@ -126,7 +127,8 @@ class Display:
             if not self.console.is_terminal and time.monotonic() - last_line > INTERVAL:
                 last_line = time.monotonic()
                 running = ", ".join(f"{t.name} {s:.0%}" for t, (s, _) in shares.items())
-                say(self.console, f"  … {done:.0%} {note}: {running}")
+                with suppress(BrokenPipeError):  # the main thread finds it at its next line
+                    say(self.console, f"  … {done:.0%} {note}: {running}")
 
     def _share(self, task: Task) -> tuple[float, str]:
         state = read_progress(self.store.progress(task))

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from uuid import uuid4
 
 from rich.console import Console
 from rich.table import Table
@@ -12,6 +13,7 @@ from rich.table import Table
 from study.commands.command import DEFAULT_OUT, Command, Flag
 from study.commands.terminal import Bar, console, say
 from study.common.errors import BadInput
+from study.common.files import why_not_writable
 from study.results import folder
 from study.workflow.engine import quiet_rerun
 
@@ -74,6 +76,7 @@ def run(options: Options) -> int:
         raise BadInput(f"--samples: got {options.samples}; it must be at least 2")
     if options.save is not None and options.save.suffix != ".rrd":
         raise BadInput(f"--save: got '{options.save}'; it must be a .rrd file")
+    _check_targets(options)
     quiet_rerun()
     results = folder.read(options.out)
     cell = results.cell(options.cell, "--cell")
@@ -92,12 +95,31 @@ def run(options: Options) -> int:
     with Bar(terminal) as bar:
         example = forecast(request, plan, bar)
     print_forecast(terminal, request, simulator, example)
-    path = options.save or Path(tempfile.mkdtemp(prefix="study-"), "forecast.rrd")
+    # The viewer reads a temporary recording after this process has ended, so it stays.
+    path = options.save or Path(tempfile.gettempdir(), f"study-{uuid4().hex}", "forecast.rrd")
     record(path, request, simulator, example)
     if options.save is None:
         open_viewer([path])
     print(f"\nrecording: {path}")
     return 0
+
+
+def _check_targets(options: Options) -> None:
+    """Check that what `run` is asked to write or to open can be, before it forecasts.
+
+    Raises:
+        BadInput: a file cannot be written.
+        StudyError: there is no display.
+    """
+    from study.recording.viewer import check_display
+
+    for flag, path in (("--save", options.save), ("--write", options.write)):
+        if path is not None:
+            problem = why_not_writable(path.parent)
+            if problem or path.is_dir():
+                raise BadInput(f"{flag}: {problem or f'{path} is a folder; give a file'}")
+    if options.save is None and options.write is None:
+        check_display()
 
 
 def print_forecast(

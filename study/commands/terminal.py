@@ -12,10 +12,18 @@ FILE_WIDTH = 200
 """Columns of text where the output is not a terminal, so that no table is cut."""
 
 
+class _Console(Console):
+    """Leaves a closed pipe to `study.run`, as `print` does; Rich would exit with another code."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise the error again."""
+        raise  # noqa: PLE0704 - Rich calls this where it handles the error
+
+
 def console() -> Console:
     """A console on the present standard output, which tests and stages may redirect."""
     width = None if sys.stdout.isatty() else FILE_WIDTH
-    return Console(file=sys.stdout, width=width, highlight=False, markup=False)
+    return _Console(file=sys.stdout, width=width, highlight=False, markup=False)
 
 
 def say(to: Console, line: str) -> None:

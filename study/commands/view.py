@@ -7,6 +7,7 @@ from typing import Annotated
 
 from study.commands.command import Argument, Command, Flag, StudyOptions
 from study.common.errors import BadInput, StudyError, nearest
+from study.common.files import why_not_writable
 from study.config.grid import Cell, cells
 from study.results import folder
 
@@ -18,7 +19,8 @@ DETAILS = """\
 what  a cell, for one of its recordings (see --kind); an environment, for its training data; or
       `study`, for the curves, tables and claims of all cells
 
-Without a screen, --save DIR writes a picture of every view, and a page of them, to DIR.
+Without a display, --save DIR writes a picture of every view, and a page of them, to DIR. This needs
+a Vulkan driver (on Debian or Ubuntu the package mesa-vulkan-drivers).
 
 examples
   python -m study.run view study
@@ -51,10 +53,9 @@ def run(options: Options) -> int:
     if options.save is None:
         open_viewer([path])
         return 0
-    try:
-        shown = screenshots(path, options.save)
-    except (NotADirectoryError, FileExistsError):
-        raise BadInput(f"--save: '{options.save}' is not a folder; give another") from None
+    if problem := why_not_writable(options.save):
+        raise BadInput(f"--save: {problem}")
+    shown = screenshots(path, options.save)
     print(*shown.pages, *shown.views.values(), sep="\n")
     for problem in shown.problems:
         print(f"error: {problem}", file=sys.stderr)

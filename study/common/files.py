@@ -1,5 +1,6 @@
 """Files that are complete or absent: atomic writes, checksums, and JSON with stable bytes."""
 
+import errno
 import hashlib
 import json
 import os
@@ -8,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from study.common.errors import explain
 
 
 def sha256(path: Path) -> str:
@@ -64,9 +67,29 @@ def read_json(path: Path) -> Any:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy a file atomically."""
-    with replacing(target) as temporary:
+    """Copy a file atomically.
+
+    Raises:
+        OSError: the copy has other bytes than the file.
+    """
+    with replacing(target, sync=True) as temporary:
         shutil.copyfile(source, temporary)
+        if not same_bytes(source, temporary):
+            raise OSError(errno.EIO, "the copy has other bytes than the file", str(target))
+
+
+def why_not_writable(folder: Path) -> str | None:
+    """Why no file can be written into a folder, which need not exist; None if one can."""
+    try:
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir():
+            return f"{folder} is not a folder"
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return f"no permission to write to {folder}, or its file system is read-only"
+    except OSError as error:  # such as a name that is too long
+        return explain(error)
+    return None
 
 
 def same_bytes(one: Path, other: Path) -> bool:

@@ -39,8 +39,8 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
             does not answer.
     """
     check(path)
-    out_dir.mkdir(parents=True, exist_ok=True)
     with headless() as client:
+        out_dir.mkdir(parents=True, exist_ok=True)
         names, design = show(client, path)
         views: dict[str, Path] = {}
         pages: list[Path] = []

@@ -22,7 +22,11 @@ T = TypeVar("T")
 
 _PATIENCE = 60.0
 """Seconds to wait for an answer."""
+_STARTING = 2.0
+"""Seconds after which a viewer that still runs has opened its window."""
 _LOCALHOST = "127.0.0.1"
+WITHOUT_DISPLAY = "without one, --save writes to files"
+"""How the commands that open the viewer work without a display."""
 _NO_DRIVER = (
     "no Vulkan driver: the viewer cannot draw without one "
     "(on Debian or Ubuntu: apt-get install mesa-vulkan-drivers)"
@@ -39,13 +43,40 @@ def open_viewer(paths: Sequence[Path]) -> None:
     """Open recordings in the Rerun viewer, in a window that stays when this process ends.
 
     Raises:
-        StudyError: a recording is missing or damaged.
+        StudyError: a recording is missing or damaged, there is no display, or the viewer does not
+            start.
     """
     for path in paths:
         check(path)
-    subprocess.Popen(
-        [_executable(), *map(str, paths)], start_new_session=True, stdin=subprocess.DEVNULL
-    )
+    check_display()
+    # By default the viewer listens to the whole network, and a second one hands its recordings to
+    # the first, whosever that is.
+    command = [_executable(), "--bind", _LOCALHOST, "--port", "auto", *map(str, paths)]
+    with TemporaryFile() as log:
+        process = subprocess.Popen(
+            command,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+        )
+        try:
+            code = process.wait(_STARTING)
+        except subprocess.TimeoutExpired:  # its window is open
+            return
+        if code:
+            raise StudyError(f"the viewer does not start: {_reason(code, log)}; {WITHOUT_DISPLAY}")
+
+
+def check_display() -> None:
+    """Check that a window can be opened. Other systems than Linux always have a display.
+
+    Raises:
+        StudyError: there is no display.
+    """
+    names = ("WAYLAND_DISPLAY", "WAYLAND_SOCKET", "DISPLAY")
+    if platform.system() == "Linux" and not any(os.environ.get(name) for name in names):
+        raise StudyError(f"there is no display to open a window on; {WITHOUT_DISPLAY}")
 
 
 def has_driver() -> bool:
@@ -125,13 +156,17 @@ def _connect(port: int, process: subprocess.Popen[bytes], log: IO[bytes]) -> Vie
         StudyError: the viewer has ended; the message has the last line of its log.
     """
     if process.poll() is not None:
-        log.seek(0)
-        lines = log.read().decode(errors="replace").strip().splitlines()
-        reason = lines[-1] if lines else f"exit code {process.returncode}"
-        raise StudyError(f"the viewer does not start: {reason}")
+        raise StudyError(f"the viewer does not start: {_reason(process.returncode, log)}")
     client = ViewerClient.connect(f"rerun+http://{_LOCALHOST}:{port}/proxy")
     client.get_state()
     return client
+
+
+def _reason(code: int, log: IO[bytes]) -> str:
+    """Why a viewer has ended: the last line of its log."""
+    log.seek(0)
+    lines = log.read().decode(errors="replace").strip().splitlines()
+    return lines[-1].strip() if lines else f"exit code {code}"
 
 
 def _executable() -> str:

@@ -12,6 +12,9 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.worker import Outcome, execute
 
+NOT_RUN = "not run"
+"""Begins the error of a task that was not run."""
+
 
 def run_tasks(
     tasks: Iterable[Task],
@@ -46,7 +49,7 @@ def run_tasks(
             if broken:
                 waiting.remove(task)
                 unfinished.discard(task)
-                errors[task] = f"not run: {broken[0].name} failed"
+                errors[task] = f"{NOT_RUN}: {broken[0].name} failed"
                 ended(Outcome(task, 0.0, errors[task]))
             elif len(running) < workers and not unfinished.intersection(task.inputs.values()):
                 waiting.remove(task)
