@@ -1,5 +1,6 @@
 """One run at a time on a results folder. A second run is told who holds the folder."""
 
+import fcntl
 import json
 import os
 import socket
@@ -13,6 +14,9 @@ from filelock import FileLock, Timeout
 
 from study.common.errors import BadInput
 
+LONGEST_WAIT = 0.2
+"""Seconds to wait for a lock that `is_locked` may hold."""
+
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
@@ -24,22 +28,19 @@ def locked(folder: Path) -> Iterator[None]:
     holder = folder / ".lock.json"
     lock = FileLock(folder / ".lock")
     try:
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=LONGEST_WAIT)
     except Timeout:
         raise BadInput(
             f"--out: {folder} is in use by {_describe(holder)}; wait, or use another --out"
         ) from None
     try:
-        holder.write_text(
-            json.dumps(
-                {
-                    "process": os.getpid(),
-                    "machine": socket.gethostname(),
-                    "since": datetime.now().astimezone().isoformat(timespec="seconds"),
-                    "command": " ".join(sys.argv[1:]),
-                }
-            )
-        )
+        facts = {
+            "process": os.getpid(),
+            "machine": socket.gethostname(),
+            "since": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "command": " ".join(sys.argv[1:]),
+        }
+        holder.write_text(json.dumps(facts), encoding="utf-8")
         yield
     finally:
         holder.unlink(missing_ok=True)
@@ -47,19 +48,22 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Whether a run holds the folder."""
-    if not (folder / ".lock").exists():
-        return False
+    """Whether a run holds the folder. Nothing is written."""
     try:
-        with FileLock(folder / ".lock").acquire(timeout=0):
-            return False
-    except Timeout:
+        with (folder / ".lock").open("rb") as file:
+            # A shared lock needs no permission to write. It is held for microseconds, and `locked`
+            # waits that long.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
         return True
+    except OSError:  # there is no lock, or the file cannot be opened
+        return False
+    return False
 
 
 def _describe(holder: Path) -> str:
     try:
-        facts = json.loads(holder.read_text())
+        facts = json.loads(holder.read_text(encoding="utf-8"))
         return "process {process} on {machine} since {since} ('{command}')".format(**facts)
     except (OSError, ValueError, KeyError, TypeError):
         return "another run"
