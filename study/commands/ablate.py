@@ -26,7 +26,7 @@ from study.results.folder import check_writable, create, settings_of
 from study.workflow.lock import locked
 from study.workflow.store import Store
 from study.workflow.task import Task
-from study.workflow.task_cache import in_order
+from study.workflow.task_cache import topological_order
 
 DETAILS = """\
 Each change is written as settings are on the command line, without dashes. β is searched for again
@@ -73,9 +73,11 @@ def run(options: Options) -> int:
     create(out)
     store = Store(out / "work")
     with locked(out):
-        tasks = in_order(task for by_cell in variants.values() for task in by_cell.values())
-        store.forget_progress()
-        due = [task for task in tasks if store.why_not(task) is not None]
+        tasks = topological_order(
+            task for by_cell in variants.values() for task in by_cell.values()
+        )
+        store.remove_progress()
+        due = [task for task in tasks if store.reason_to_run(task) is not None]
         errors = run_due(due, options.config.engine, store, terminal) if due else {}
         for task, error in errors.items():
             say(terminal, f"{task.name}: {error}")
@@ -131,7 +133,7 @@ def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
         text: {
             cell.name: read_json(store.folder(task) / "validation.json")
             for cell, task in by_cell.items()
-            if store.why_not(task) is None
+            if store.reason_to_run(task) is None
         }
         for text, by_cell in variants.items()
     }

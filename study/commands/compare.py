@@ -94,11 +94,11 @@ def _settings(results: Results, cell: Cell) -> Column:
     import pandas as pd
 
     from study.workflow.pipeline import Pipeline
-    from study.workflow.task_cache import in_order
+    from study.workflow.task_cache import topological_order
 
     trials = _of_cell(pd.read_parquet(results.out / "trials.parquet"), cell)
     column = asdict(cell) | {"beta": _only(trials[trials.chosen.astype(bool)], "beta")}
-    for task in in_order([Pipeline(results.config).evaluate(cell)]):
+    for task in topological_order([Pipeline(results.config).evaluate(cell)]):
         for path, value in _flat(task.settings, task.stage).items():
             section, name = path.split(".")[-2:]
             # Seeds follow from the cell, and versions are those of the code.

@@ -8,7 +8,7 @@ from study.config.grid import cells, select
 from study.results.folder import check_writable
 from study.results.publish import why_not_published
 from study.workflow.store import Store
-from study.workflow.task_cache import in_order, record_tasks
+from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
 Nothing runs and nothing is written. For each stage: up to date, missing, config changed (which
@@ -31,7 +31,10 @@ def run(options: Options) -> int:
     check_writable(out)
     chosen = select(cells(config), options.only)
     records = record_tasks(config, store)
-    states = {task: store.why_not(task) for task in in_order(records[cell] for cell in chosen)}
+    states = {
+        task: store.reason_to_run(task)
+        for task in topological_order(records[cell] for cell in chosen)
+    }
     for task, why in states.items():
         say(terminal, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]

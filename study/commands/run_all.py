@@ -16,7 +16,7 @@ from study.workflow.engine import workers
 from study.workflow.lock import locked
 from study.workflow.store import Store
 from study.workflow.task import Task
-from study.workflow.task_cache import in_order, record_tasks, remember
+from study.workflow.task_cache import record_tasks, topological_order, write_cache
 
 DETAILS = """\
 A stage is up to date if neither its settings nor its inputs changed. A run that was stopped goes on
@@ -49,17 +49,17 @@ def run(options: Options) -> int:
     records = record_tasks(config, store)
     create(out)
     with locked(out):
-        remember(config, records, store)
-        store.forget_progress()
-        tasks = in_order(records[cell] for cell in chosen)
-        due = {task: why for task in tasks if (why := store.why_not(task)) is not None}
+        write_cache(config, records, store)
+        store.remove_progress()
+        tasks = topological_order(records[cell] for cell in chosen)
+        due = {task: why for task in tasks if (why := store.reason_to_run(task)) is not None}
         for task, why in due.items():
             if why.startswith("damaged"):
                 say(terminal, f"{task.name}: {why}; it runs again")
         errors = run_due(list(due), config.engine, store, terminal) if due else {}
         changed = publish(config, records, store, out)
         if due or changed:
-            timings.write(in_order(records.values()), store, config, out)
+            timings.write(topological_order(records.values()), store, config, out)
             checksums.write(out)
         if not due:
             written = "no stage to run, results written again"

@@ -18,7 +18,7 @@ from study.results.timings import parallel_tasks
 from study.workflow.lock import is_locked
 from study.workflow.store import Store
 from study.workflow.task import Task
-from study.workflow.task_cache import in_order, record_tasks
+from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
 It can be asked while a run goes on, from another terminal.
@@ -49,7 +49,7 @@ def run(options: Options) -> int:
     store = Store(out / "work")
     chosen = select(cells(config), options.only)
     records = record_tasks(config, store)
-    tasks = in_order(records[cell] for cell in chosen)
+    tasks = topological_order(records[cell] for cell in chosen)
     timings = [(task.stage, store.timing(task)) for task in tasks]
     terminal.print(state_table(tasks, store, out))
     terminal.print(cost_table(timings))

@@ -54,9 +54,9 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         super().__init__(normalization, settings)
         self.members = nn.ModuleList(members)
         self.data_streams = len(self.members)
-        self.noise_size = self.each_member()[0].noise_size
+        self.noise_size = self.member_models()[0].noise_size
 
-    def each_member(self) -> list[M]:
+    def member_models(self) -> list[M]:
         """The members."""
         return cast("list[M]", list(self.members))
 
@@ -77,16 +77,16 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
     def on_training_data(self, states: Tensor) -> None:
         """See `Model.on_training_data`."""
         super().on_training_data(states)
-        for member in self.each_member():
+        for member in self.member_models():
             member.on_training_data(states)
 
     def resets_optimizer_at(self, step: int) -> bool:
         """See `Model.resets_optimizer_at`: as a member."""
-        return self.each_member()[0].resets_optimizer_at(step)
+        return self.member_models()[0].resets_optimizer_at(step)
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
         """See `Model.schedule`: as a member."""
-        return self.each_member()[0].schedule(optimizer, learning_rate, steps)
+        return self.member_models()[0].schedule(optimizer, learning_rate, steps)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """The sum of the members' losses. The batch has a leading axis M, each member's own batch.
@@ -95,7 +95,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         """
         by_member = [
             member.losses({name: values[index] for name, values in batch.items()}, step)
-            for index, member in enumerate(self.each_member())
+            for index, member in enumerate(self.member_models())
         ]
         stacked = {
             name: torch.stack([losses[name] for losses in by_member]) for name in by_member[0]
@@ -126,7 +126,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
             s0: [S, D].
             actions: [S, T, A].
         """
-        size = self.each_member()[0].noise_size
+        size = self.member_models()[0].noise_size
         noise = s0.new_zeros(len(s0), len(self.members), actions.shape[1], size)
         every_member = torch.arange(len(self.members), device=s0.device).expand(len(s0), -1)
         return EnsembleOfModels.sample(self, s0, actions, noise, every_member)
@@ -153,7 +153,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
             forecast: gives the forecasts [R, T, D] of a member for its rows [R].
         """
         forecasts = noise.new_empty(*noise.shape[:3], self.state_size)
-        for index, model in enumerate(self.each_member()):
+        for index, model in enumerate(self.member_models()):
             rows = torch.nonzero(member == index, as_tuple=True)
             if len(rows[0]):
                 forecasts[rows] = forecast(model, (rows[0], rows[1]))

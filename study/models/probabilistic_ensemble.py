@@ -66,7 +66,7 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
         state, states = repeat_samples(s0, samples), []
         for action, normal_t, member_t in steps:
             next_state = torch.empty_like(state)
-            for index, model in enumerate(self.each_member()):
+            for index, model in enumerate(self.member_models()):
                 rows = torch.nonzero(member_t == index)[:, 0]
                 next_state[rows] = model.step(state[rows], action[rows], normal_t[rows])
             state = next_state

@@ -51,7 +51,7 @@ class VaeModel(BaselineModel[VaeSettings]):
             vae.latent_size,
             delta_target=delta_target,
             homoscedastic=vae.variance == "homoscedastic",
-            sees_target=vae.encoder == "target",
+            uses_target=vae.encoder == "target",
         )
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:

@@ -15,7 +15,7 @@ from study.plotting.palette import Colour, model_colours
 COLUMN_WIDTH = 3.5
 """Inches: one column of a two-column paper."""
 
-LONGEST = 18
+LONGEST_LABEL = 18
 """Characters of a label, of which three stand side by side in a figure's legend."""
 
 DASHES = (0, lines.DASHES)
@@ -69,7 +69,7 @@ def line(model: str, level: str) -> dict[str, Any]:
 
 def columns(handles: Sequence[Artist]) -> int:
     """Columns of a legend as wide as a figure: three, or two where a label is long."""
-    return 3 if max(len(str(handle.get_label())) for handle in handles) <= LONGEST else 2
+    return 3 if max(len(str(handle.get_label())) for handle in handles) <= LONGEST_LABEL else 2
 
 
 def figure(height: float) -> Figure:

@@ -40,7 +40,7 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
     """
     from study.results import summary
 
-    complete = {cell: task for cell, task in records.items() if store.why_not(task) is None}
+    complete = {cell: task for cell, task in records.items() if store.reason_to_run(task) is None}
     if not complete:
         return False
     files = _cell_files(config, complete, store, out)
@@ -66,7 +66,9 @@ def why_not_published(
 ) -> str | None:
     """Why `publish` would write something after the tasks `due` have run; None if it would not."""
     complete = {
-        cell: task for cell, task in records.items() if task in due or store.why_not(task) is None
+        cell: task
+        for cell, task in records.items()
+        if task in due or store.reason_to_run(task) is None
     }
     failed = [] if due else _failed(records, store)
     why = _why_not_current(out, _inputs(config, complete, failed))
@@ -77,7 +79,7 @@ def _failed(records: Records, store: Store) -> list[str]:
     """Names of the cells that have no results since one of their stages failed."""
 
     def fails(task: Task) -> bool:
-        if store.why_not(task) is None:
+        if store.reason_to_run(task) is None:
             return False
         return store.failure(task).exists() or any(map(fails, task.inputs.values()))
 

@@ -54,7 +54,7 @@ def evaluate(results: Results, cell: Cell, progress: Progress) -> pd.DataFrame:
             folder.mkdir()
         write_checkpoint(results, cell, model)
         store, collect = Store(results.out / "work"), task.inputs["data"]
-        if store.why_not(collect) is None:
+        if store.reason_to_run(collect) is None:
             data = store.folder(collect)
         else:
             run_stage(collect, {}, data, progress.part(0.0, 0.6))

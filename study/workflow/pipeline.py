@@ -29,7 +29,7 @@ from study.config.stage_settings import (
 )
 from study.envs import simulators
 from study.models import models
-from study.workflow.source import reached
+from study.workflow.source import source_digests
 from study.workflow.task import Task
 
 
@@ -153,5 +153,5 @@ class Pipeline:
         self, stage: str, label: str, settings: Any, classes: Sequence[type] = (), **inputs: Task
     ) -> Task:
         """A task that depends on the source of its stage and of registered classes."""
-        source = reached((f"study.stages.{stage}", *(each.__module__ for each in classes)))
+        source = source_digests((f"study.stages.{stage}", *(each.__module__ for each in classes)))
         return Task(stage, label, asdict(settings), inputs, source, self.config.plugins)

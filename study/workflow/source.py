@@ -30,7 +30,7 @@ INSTALLED = tuple(
 
 
 @cache
-def reached(modules: tuple[str, ...]) -> Mapping[str, str]:
+def source_digests(modules: tuple[str, ...]) -> Mapping[str, str]:
     """The digest of each module in `modules`, and of all modules that they reach, by name.
 
     Args:
@@ -83,11 +83,11 @@ def _tree(path: Path) -> ast.Module:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            node.body = [statement for statement in node.body if not _is_text(statement)]
+            node.body = [statement for statement in node.body if not _is_docstring(statement)]
     return tree
 
 
-def _is_text(statement: ast.stmt) -> bool:
+def _is_docstring(statement: ast.stmt) -> bool:
     """Whether a statement is a docstring, of whatever stands before or around it."""
     return (
         isinstance(statement, ast.Expr)

@@ -42,7 +42,7 @@ class Store:
         """The file in which a running task reports its progress."""
         return self.log(task).with_suffix(".progress")
 
-    def forget_progress(self) -> None:
+    def remove_progress(self) -> None:
         """Remove the progress files that killed tasks left."""
         for path in (self.root / "logs").glob("*.progress"):
             path.unlink(missing_ok=True)
@@ -87,7 +87,7 @@ class Store:
             shutil.rmtree(target)
         out.replace(target)
 
-    def why_not(self, task: Task) -> str | None:
+    def reason_to_run(self, task: Task) -> str | None:
         """Why the task has to run, such as `missing` or `config changed: …`; None if not."""
         folder = self.folder(task)
         if not folder.exists():

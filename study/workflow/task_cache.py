@@ -38,14 +38,14 @@ def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
     return {cell: pipeline.record(cell) for cell in cells(config)}
 
 
-def remember(config: Config, records: Mapping[Cell, Task], store: Store) -> None:
+def write_cache(config: Config, records: Mapping[Cell, Task], store: Store) -> None:
     """Write the tasks that `record_tasks` found to the cache.
 
     A study with plugins has no cache: their source may change, and importing them takes as long.
     """
     if config.plugins:
         return
-    ordered = in_order(records.values())
+    ordered = topological_order(records.values())
     number = {task: index for index, task in enumerate(ordered)}
     content = {
         "cells": {cell.name: number[task] for cell, task in records.items()},
@@ -54,7 +54,7 @@ def remember(config: Config, records: Mapping[Cell, Task], store: Store) -> None
     write_json(_path(store), {"key": _key(config), "sha256": digest(content), "content": content})
 
 
-def in_order(last: Iterable[Task]) -> list[Task]:
+def topological_order(last: Iterable[Task]) -> list[Task]:
     """The tasks `last` and all their inputs, each once, every task after its inputs."""
     ordered: dict[Task, None] = {}
 

@@ -82,7 +82,7 @@ class PlainCvae(nn.Module):
 
     def __init__(self, cvae: RecurrentCvae) -> None:
         super().__init__()
-        self.sees_target = cvae.sees_target
+        self.uses_target = cvae.uses_target
         self.encoder = _gru(
             cvae.encoder_gates_of_input.weight,
             cvae.encoder_gates_of_hidden.weight,
@@ -95,7 +95,7 @@ class PlainCvae(nn.Module):
 
     def encode(self, target: Tensor, states: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """See `RecurrentCvae.encode`."""
-        inputs = [target, states, condition] if self.sees_target else [states, condition]
+        inputs = [target, states, condition] if self.uses_target else [states, condition]
         hiddens, _ = self.encoder(torch.cat(inputs, -1))
         mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)

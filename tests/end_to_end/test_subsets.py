@@ -17,7 +17,7 @@ from study.training.inputs import training_data
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
 from study.workflow.task import Task
-from study.workflow.task_cache import in_order, record_tasks
+from study.workflow.task_cache import record_tasks, topological_order
 from study.workflow.worker import execute
 from tests.helpers.running import SMALL, SMOKE, Done, configuration
 
@@ -93,7 +93,7 @@ def _copy_without_test(small: Path, tmp_path: Path, tasks: list[Task]) -> Store:
 def test_stages_that_fit_never_open_the_test_set(small: Path, tmp_path: Path) -> None:
     uninterrupted = Store(small / "work")
     config = configuration(*SMALL)
-    tasks = in_order(record_tasks(config, uninterrupted).values())
+    tasks = topological_order(record_tasks(config, uninterrupted).values())
     store = _copy_without_test(small, tmp_path, tasks)
     learning = [task for task in tasks if task.stage in ("ensemble", "tune", "train")]
     assert len(learning) == 4

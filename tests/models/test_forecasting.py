@@ -38,7 +38,7 @@ def test_the_members_forecasts_are_those_without_noise(name: str) -> None:
     if name == "residual_vae_ensemble":
         expected = network.ensemble(*inputs)
     else:
-        members = network.each_member()
+        members = network.member_models()
         noise = torch.zeros(4, 1, HORIZON, members[0].noise_size)
         zero = torch.zeros(4, 1, dtype=torch.int64)
         expected = torch.cat([member.sample(*inputs, noise, zero) for member in members], dim=1)

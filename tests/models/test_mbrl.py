@@ -34,7 +34,7 @@ def our_network() -> ProbabilisticMlpEnsemble:
     assert isinstance(network, ProbabilisticMlpEnsemble)
     torch.manual_seed(3)
     highest, lowest = torch.rand(STATE), -3.0 + torch.rand(STATE)
-    for member in network.each_member():
+    for member in network.member_models():
         # Not the initial values, with which no variance reaches a bound.
         member.max_log_variance.data.copy_(highest)
         member.min_log_variance.data.copy_(lowest)
@@ -54,10 +54,10 @@ def their_network(network: ProbabilisticMlpEnsemble) -> Any:
         activation_fn_cfg={"_target_": "torch.nn.SiLU"},
     )
     for index, layer in enumerate(linear_layers(peer)):
-        stacked: list[Any] = [member.network[2 * index] for member in network.each_member()]
+        stacked: list[Any] = [member.network[2 * index] for member in network.member_models()]
         layer.weight.data = torch.stack([linear.weight.data.T for linear in stacked])
         layer.bias.data = torch.stack([linear.bias.data[None] for linear in stacked])
-    first = network.each_member()[0]
+    first = network.member_models()[0]
     peer.max_logvar.data = first.max_log_variance.data[None].clone()
     peer.min_logvar.data = first.min_log_variance.data[None].clone()
     return peer
@@ -82,7 +82,7 @@ def test_mean_and_variance() -> None:
     _, inputs, _ = transitions(network)
     mean, log_variance = their_network(network)(inputs, use_propagation=False)
     bounded = 0
-    for index, member in enumerate(network.each_member()):
+    for index, member in enumerate(network.member_models()):
         state, action = inputs[index].split([STATE, ACTION], dim=-1)
         our_mean, our_log_variance = member(state, action)
         torch.testing.assert_close(our_mean, mean[index])
@@ -104,13 +104,13 @@ def test_loss_and_gradients() -> None:
     found.backward()
     expected.backward()
     for index, layer in enumerate(linear_layers(peer)):
-        stacked: list[Any] = [member.network[2 * index] for member in network.each_member()]
+        stacked: list[Any] = [member.network[2 * index] for member in network.member_models()]
         weight = torch.stack([linear.weight.grad.T for linear in stacked])
         bias = torch.stack([linear.bias.grad[None] for linear in stacked])
         torch.testing.assert_close(weight, STATE / 2 * layer.weight.grad, rtol=1e-4, atol=1e-6)
         torch.testing.assert_close(bias, STATE / 2 * layer.bias.grad, rtol=1e-4, atol=1e-6)
     # Of the bounds: the likelihood's part as above, and 0.01 for each member against 0.01 once.
-    members: list[Any] = network.each_member()
+    members: list[Any] = network.member_models()
     for name, of_peer, sign in (
         ("max_log_variance", peer.max_logvar.grad[0], 1),
         ("min_log_variance", peer.min_logvar.grad[0], -1),

@@ -48,7 +48,7 @@ def gradients(network: Any, data: dict[str, Tensor]) -> list[list[Tensor]]:
     network.losses(data, 0)["loss"].backward()
     return [
         [p.grad.clone() for p in member.parameters() if p.grad is not None]
-        for member in network.each_member()
+        for member in network.member_models()
     ]
 
 
@@ -58,9 +58,9 @@ def forecast_alone(network: Any, number: int, s0: Tensor, actions: Tensor, noise
     if network.uses_ensemble:
         index, recurrent = divmod(number, network.ensemble.members_count())
         members = network.ensemble(s0, actions)[:, recurrent, None]
-        vae = network.each_member()[index]
+        vae = network.member_models()[index]
         return vae.generate(s0, actions, noise, zero, members)[0, 0]
-    return network.each_member()[number].sample(s0, actions, noise, zero)[0, 0]
+    return network.member_models()[number].sample(s0, actions, noise, zero)[0, 0]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -102,13 +102,13 @@ def test_each_members_gradient_is_clipped_alone(name: str) -> None:
     network: Any = model(name)
     gradients(network, training_batch(network))
     norms = []
-    for index, member in enumerate(network.each_member()):
+    for index, member in enumerate(network.member_models()):
         values = [p.grad for p in member.parameters() if p.grad is not None]
         norm = torch.nn.utils.get_total_norm(values)
         for gradient in values:  # half the limit, except for member 1
             gradient *= (1e3 if index == 1 else 0.5) / norm
     network.configure_gradient_clipping(None, 1.0, "norm")
-    for member in network.each_member():
+    for member in network.member_models():
         values = [p.grad for p in member.parameters() if p.grad is not None]
         norms.append(float(torch.nn.utils.get_total_norm(values)))
     assert norms == pytest.approx([0.5, 1.0, 0.5], rel=1e-3)
@@ -145,7 +145,7 @@ def test_a_trial_of_beta_trains_one_member() -> None:
     trial = FullVaeEnsemble.trial_settings(original)
     assert trial.model_ensemble.members == 1
     assert replace(trial, model_ensemble=original.model_ensemble) == original
-    assert len(FullVaeEnsemble(normalization(), trial, 0.1).each_member()) == 1
+    assert len(FullVaeEnsemble(normalization(), trial, 0.1).member_models()) == 1
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def test_members_are_trained_like_a_single_model() -> None:
     assert not network.resets_optimizer_at(0)
     network.on_training_data(torch.rand(5, HORIZON + 1, STATE))
     assert network.training_size == 5
-    for member in network.each_member():
+    for member in network.member_models():
         assert bool(member.decoder.min_state.isfinite().all())
     for step in (0, options.steps - 1):
         assert bool(network.losses(training_batch(network), step)["loss"].isfinite())

@@ -17,7 +17,7 @@ def identifiable(propagation: str = "trajectory") -> Any:
         "probabilistic_ensemble", probabilistic_ensemble={"propagation": propagation}
     )
     network.delta_std.fill_(1.0)
-    for index, member in enumerate(network.each_member()):
+    for index, member in enumerate(network.member_models()):
         member.delta_std.fill_(1.0)
         last = member.network[-1]
         torch.nn.init.zeros_(last.weight)

@@ -8,7 +8,7 @@ from study.config.grid import Cell
 from study.config.settings import Config
 from study.workflow import source
 from study.workflow.pipeline import Pipeline
-from study.workflow.source import reached
+from study.workflow.source import source_digests
 
 MODULE = '''"""A module."""
 
@@ -41,9 +41,15 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def digests() -> dict[str, str]:
     """The digests of the plugin, read again."""
-    for cached in (source.reached, source._file, source._origin, source._tree, source._digest):
+    for cached in (
+        source.source_digests,
+        source._file,
+        source._origin,
+        source._tree,
+        source._digest,
+    ):
         cached.cache_clear()
-    return dict(reached(("myplugin",)))
+    return dict(source_digests(("myplugin",)))
 
 
 def test_a_plugin_reaches_its_own_modules_and_no_installed_ones(plugin: Path) -> None:

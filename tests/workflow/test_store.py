@@ -36,9 +36,9 @@ def test_the_key_is_of_settings_and_inputs_alone() -> None:
 
 
 def test_finished_is_up_to_date(store: Store) -> None:
-    assert store.why_not(task()) == "missing"
+    assert store.reason_to_run(task()) == "missing"
     finish(store, task())
-    assert store.why_not(task()) is None
+    assert store.reason_to_run(task()) is None
     assert store.timing(task()) == {"seconds": 1.5}
     assert not store.partial(task()).exists()
 
@@ -50,7 +50,7 @@ def test_the_same_task_leaves_the_same_manifest(store: Store) -> None:
 
 def test_begun_is_not_finished(store: Store) -> None:
     (store.begin(task(), resumable=False) / "half").write_text("…")
-    assert store.why_not(task()) == "missing"
+    assert store.reason_to_run(task()) == "missing"
 
 
 def test_what_was_left(store: Store) -> None:
@@ -91,9 +91,9 @@ def test_damage_is_named_and_made_good(
     folder = finish(store, task())
     whole = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     harm(folder / name)
-    assert store.why_not(task()) == f"damaged: {folder / name}"
+    assert store.reason_to_run(task()) == f"damaged: {folder / name}"
     finish(store, task())
-    assert store.why_not(task()) is None
+    assert store.reason_to_run(task()) is None
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == whole
 
 
@@ -102,25 +102,25 @@ def test_every_bit_of_the_manifest_counts(store: Store) -> None:
     whole = path.read_bytes()
     for position in range(len(whole)):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 2]) + whole[position + 1 :])
-        damaged = store.why_not(task())
+        damaged = store.reason_to_run(task())
         path.write_bytes(whole)
         # Of the facts that nobody acts upon, only what makes it unreadable is damage.
         acted_upon = whole.index(b'"files"') <= position < whole.index(b'"inputs"')
         assert damaged or not acted_upon, position
-    assert store.why_not(task()) is None
+    assert store.reason_to_run(task()) is None
 
 
 def test_why_it_has_to_run_says_what_changed(store: Store) -> None:
     data, other = Task("collect", "a", {"n": 1}), Task("collect", "a", {"n": 2})
     finish(store, task(1, {"data": data}))
-    assert store.why_not(task(2, {"data": data})) == "config changed: train.steps 1 → 2"
-    assert store.why_not(task(1, {"data": other})) == "input changed: data"
-    assert store.why_not(Task("train", "another", {})) == "missing"
+    assert store.reason_to_run(task(2, {"data": data})) == "config changed: train.steps 1 → 2"
+    assert store.reason_to_run(task(1, {"data": other})) == "input changed: data"
+    assert store.reason_to_run(Task("train", "another", {})) == "missing"
 
 
 def test_progress_of_killed_tasks_is_forgotten(store: Store) -> None:
     path = store.progress(task())
     path.parent.mkdir(parents=True)
     path.write_text("{}")
-    store.forget_progress()
+    store.remove_progress()
     assert not path.exists()

@@ -12,7 +12,7 @@ from study.common import provenance
 from study.common.errors import BadInput
 from study.config.settings import Config, Tune
 from study.workflow.store import Store
-from study.workflow.task_cache import in_order, record_tasks, remember
+from study.workflow.task_cache import record_tasks, topological_order, write_cache
 from tests.helpers.running import ROOT, SMOKE, Done
 
 CONFIG = Config()
@@ -21,7 +21,7 @@ CONFIG = Config()
 @pytest.fixture
 def remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
     store = Store(tmp_path)
-    remember(CONFIG, record_tasks(CONFIG, store), store)
+    write_cache(CONFIG, record_tasks(CONFIG, store), store)
     return store
 
 
@@ -47,7 +47,9 @@ def test_the_same_tasks(remembered: Store, monkeypatch: pytest.MonkeyPatch) -> N
     assert not _found_out_anew(remembered, CONFIG, monkeypatch)
     known = record_tasks(CONFIG, remembered)
     assert known == anew
-    for one, other in zip(in_order(known.values()), in_order(anew.values()), strict=True):
+    for one, other in zip(
+        topological_order(known.values()), topological_order(anew.values()), strict=True
+    ):
         assert (one.name, one.key, one.settings) == (other.name, other.key, other.settings)
         assert {n: t.key for n, t in one.inputs.items()} == {
             n: t.key for n, t in other.inputs.items()
@@ -76,7 +78,7 @@ def test_damaged(remembered: Store, old: str, monkeypatch: pytest.MonkeyPatch) -
 
 def test_plugins_are_never_remembered(tmp_path: Path) -> None:
     store, config = Store(tmp_path), replace(CONFIG, plugins=("study.examples.cart",))
-    remember(config, record_tasks(config, store), store)
+    write_cache(config, record_tasks(config, store), store)
     assert not list(tmp_path.iterdir())
 
 

@@ -33,7 +33,7 @@ class RecurrentCvae(nn.Module):
         latent_size: Z.
         delta_target: see `GaussianDecoder`.
         homoscedastic: see `GaussianDecoder`.
-        sees_target: the encoder has the target x_{t+1} among its inputs.
+        uses_target: the encoder has the target x_{t+1} among its inputs.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class RecurrentCvae(nn.Module):
         latent_size: int,
         delta_target: bool = False,
         homoscedastic: bool = False,
-        sees_target: bool = True,
+        uses_target: bool = True,
     ) -> None:
         super().__init__()
         state_size = len(output_scale)
-        self.sees_target = sees_target
-        input_size = state_size * (2 if sees_target else 1) + condition_size
+        self.uses_target = uses_target
+        input_size = state_size * (2 if uses_target else 1) + condition_size
         self.encoder_gates_of_input = nn.Linear(input_size, 3 * hidden_size)
         self.encoder_gates_of_hidden = nn.Linear(hidden_size, 3 * hidden_size)
         self.posterior = nn.Linear(hidden_size, 2 * latent_size)
@@ -65,7 +65,7 @@ class RecurrentCvae(nn.Module):
             states: s_{0:T-1} [B, T, D].
             condition: c_{0:T-1} [B, T, C].
         """
-        inputs = [target, states, condition] if self.sees_target else [states, condition]
+        inputs = [target, states, condition] if self.uses_target else [states, condition]
         of_input, of_hidden = self.encoder_gates_of_input, self.encoder_gates_of_hidden
         initial = target.new_zeros(len(target), of_hidden.in_features)
         bias = torch.stack([of_input.bias, of_hidden.bias])

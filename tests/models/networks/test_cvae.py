@@ -54,11 +54,11 @@ def test_the_kl_divergence_against_torch_distributions() -> None:
     torch.testing.assert_close(kl_from_standard_normal(mean, log_variance), expected)
 
 
-@pytest.mark.parametrize("sees_target", [True, False])
-def test_the_encoder_is_causal(sees_target: bool) -> None:
-    """It sees targets, states and conditions up to step t; without `sees_target` no targets."""
+@pytest.mark.parametrize("uses_target", [True, False])
+def test_the_encoder_is_causal(uses_target: bool) -> None:
+    """It sees targets, states and conditions up to step t; without `uses_target` no targets."""
     torch.manual_seed(0)
-    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, sees_target=sees_target)
+    cvae = RecurrentCvae(torch.ones(STATE), ACTION, 8, 4, uses_target=uses_target)
     inputs = [torch.randn(2, HORIZON, size) for size in (STATE, STATE, ACTION)]
     reference, _ = cvae.encode(*inputs)
     for position in range(3):
@@ -66,5 +66,5 @@ def test_the_encoder_is_causal(sees_target: bool) -> None:
         changed[position][:, 3] += 1.0
         mean, _ = cvae.encode(*changed)
         torch.testing.assert_close(mean[:, :3], reference[:, :3])
-        is_input = sees_target or position > 0
+        is_input = uses_target or position > 0
         assert torch.allclose(mean[:, 3:], reference[:, 3:]) != is_input
