@@ -23,6 +23,8 @@ from paper_figs import (
     variance_ratio,
 )
 from paper_figs.command import command
+from study.common.errors import StudyError
+from study.common.plugins import reason
 
 SCRIPTS = (
     tables_1_2_brier,
@@ -47,8 +49,19 @@ def plot(results: Path) -> list[Path]:
 
     Raises:
         BadInput: there are no scores.
+        StudyError: some could not be drawn. All others are written.
     """
-    return [path for script in SCRIPTS for path in script.plot(results)]
+    paths, problems = [], []
+    for script in SCRIPTS:
+        try:
+            paths += script.plot(results)
+        except (StudyError, OSError):
+            raise
+        except Exception as error:
+            problems.append(f"{script.__name__} could not draw ({reason(error)})")
+    if problems:
+        raise StudyError(f"{'; '.join(problems)}; all other tables and figures are written")
+    return paths
 
 
 if __name__ == "__main__":

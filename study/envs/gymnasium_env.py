@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from study.common.arrays import Array, Doubles, Floats, Pixels
+from study.common.errors import StudyError
 from study.data.minari import Transitions
 from study.data.trajectories import Trajectories
 from study.data.variables import bounds
@@ -31,7 +32,7 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
     and `goal` name the components.
 
     *Action*, [A] float64: the components of the simulator's action, scaled so that their bounds are
-    −1 and 1. Values beyond these are clipped.
+    −1 and 1. Values beyond these are clipped. Values that are not finite are refused.
 
     *Reward*: 1 at the step at which the goal is first reached, otherwise 0. So the return is the
     outcome whose probability the study forecasts.
@@ -91,9 +92,19 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         return self._observation(), self._info()
 
     def step(self, action: Array) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Hold the action [A] for one control step."""
+        """Hold the action [A] for one control step.
+
+        Raises:
+            ValueError: the action has another shape, or is not finite.
+        """
         if self._episode is None:
             raise RuntimeError("call reset before the first step")
+        action = np.asarray(action, np.float64)
+        if action.shape != self.action_space.shape:
+            wanted = self.action_space.shape
+            raise ValueError(f"action: got the shape {action.shape}; it must be {wanted}")
+        if not np.isfinite(action).all():
+            raise ValueError(f"action: got {action}; it must be finite")
         self._state = self._episode.step(self.physical(action)[None])
         self._steps += 1
         reached = bool(self.simulator.outcome(self._state[:, None], self._scenario.goal)[0])
@@ -133,12 +144,15 @@ class SimulatorEnv(gymnasium.Env[Floats, Doubles]):
         """The scene with the target, [480, 640, 3]; None without a render mode.
 
         Raises:
-            StudyError: OpenGL is not available.
+            StudyError: the system has no scene, or OpenGL is not available.
         """
         if self.render_mode is None or self._episode is None:
             return None
         if self._renderer is None:
-            self._scene = self.simulator.scene()
+            scene = self.simulator.scene()
+            if scene is None:
+                raise StudyError(f"{self.simulator.title} has no MuJoCo scene and cannot be drawn")
+            self._scene = scene
             self._renderer = renderer(self._scene, HEIGHT, WIDTH)
         configuration = self.simulator.configuration(self._state)[0]
         camera = 0 if self._scene.ncam else -1

@@ -95,13 +95,14 @@ def check_class(simulator: Any) -> None:
                 f"{subject}.action: '{variable.name}' is between {variable.low} and "
                 f"{variable.high}; it needs two finite bounds, the lower one first"
             )
-    for name, kinds, wanted in (
+    numbers: tuple[tuple[str, Any, str], ...] = (
         ("default_horizon", Integral, "whole number"),
         ("control_step", Real, "number"),
         ("radius", Real, "number"),
-    ):
+    )
+    for name, kinds, wanted in numbers:
         value = getattr(simulator, name)
-        if not isinstance(value, kinds) or not 0 < value < np.inf:
+        if not isinstance(value, kinds) or not 0 < float(value) < np.inf:
             raise BadInput(f"{subject}.{name}: got {value!r:.60}; it must be a positive {wanted}")
     if not isinstance(simulator.title, str) or not _without_symbols(simulator.title):
         raise BadInput(f"{subject}.title: got {simulator.title!r:.60}; it needs a letter or digit")

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -96,10 +96,7 @@ def record_data(
     design = _design(simulator, selected, positions, targets, close_up)
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _tables(simulator, trajectories, distance), properties)
-        fixed = scenes.fixed_bodies(model)
-        scenes.log_bodies(stream, "/scene", model, fixed)
-        pose = simulator.configuration(trajectories.states[0, 0])
-        scenes.log_poses(stream, "/scene", model, fixed, pose)
+        scenes.log_fixed(stream, simulator, model, trajectories.states[0, 0])
         paths.log_paths(stream, "/paths/all", positions, _OTHERS)
         dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
         stream.log("/paths/targets", dots, static=True)
@@ -171,8 +168,10 @@ def _signals(group: str, variables: tuple[Variable, ...]) -> list[tuple[str, str
     return [(f"{group} {bands.title(v)}", entity_path(group, v.name)) for v in variables]
 
 
-def _close_up(model: Any, positions: Floats) -> rrb.EyeControls3D | None:
+def _close_up(model: mujoco.MjModel | None, positions: Floats) -> rrb.EyeControls3D | None:
     """An eye near the bodies, if they are too small to be visible beside their paths, else None."""
+    if model is None:
+        return None
     moving = scenes.moving_bodies(model)
     points = positions.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -224,13 +223,13 @@ def _log_trajectory(
     stream: rr.RecordingStream,
     root: str,
     simulator: Simulator,
-    model: Any,
+    model: mujoco.MjModel | None,
     states: Floats,
 ) -> None:
     """Log one trajectory [T+1, D] in the scene: its path, its dot, and the motion of the bodies."""
     states = states[: scenes.finite_steps(states)]
     positions = simulator.position(states).astype(np.float32)
-    times = [time_column(TIMELINE, steps := np.arange(len(states)))]
+    times = [time_column(TIMELINE, np.arange(len(states)))]
     line = rr.LineStrips3D([positions], colors=[HIGHLIGHT], radii=rr.Radius.ui_points(2.0))
     stream.log(f"{root}/paths/selected", line, static=True)
     style = rr.Points3D.from_fields(colors=[HIGHLIGHT], radii=rr.Radius.ui_points(6.0))
@@ -241,10 +240,7 @@ def _log_trajectory(
     # with the body. It does not turn, so that the body is seen to tilt.
     frame = rr.Transform3D.columns(translation=positions)
     stream.send_columns(f"{root}/{blueprints.FOLLOW}", times, frame)
-    moving = scenes.moving_bodies(model)
-    scenes.log_bodies(stream, f"{root}/scene", model, moving)
-    qpos = simulator.configuration(states)
-    scenes.log_motion(stream, f"{root}/scene", model, moving, qpos, TIMELINE, steps)
+    scenes.log_moving(stream, f"{root}/scene", simulator, model, states, TIMELINE)
 
 
 def _about(simulator: Simulator, trajectories: Trajectories, one: _Selected, close_up: bool) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -100,11 +101,8 @@ def record_forecast(
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, readme, properties)
         model = simulator.scene()
-        fixed = scenes.fixed_bodies(model)
-        scenes.log_bodies(stream, "/scene", model, fixed)
         if examples:
-            pose = simulator.configuration(examples[0].s0)
-            scenes.log_poses(stream, "/scene", model, fixed, pose)
+            scenes.log_fixed(stream, simulator, model, examples[0].s0)
         for root, example, (observed, forecast) in zip(
             roots.values(), examples, quantiles, strict=True
         ):
@@ -194,7 +192,11 @@ def _log_about(
 
 
 def _log_example(
-    stream: rr.RecordingStream, root: str, simulator: Simulator, model: object, example: Example
+    stream: rr.RecordingStream,
+    root: str,
+    simulator: Simulator,
+    model: mujoco.MjModel | None,
+    example: Example,
 ) -> None:
     """Log all views of an example but its bands: scene, paths, success and standard deviation."""
     _log_scene(stream, f"{root}/scene", simulator, model, example)
@@ -216,15 +218,16 @@ def _log_example(
 
 
 def _log_scene(
-    stream: rr.RecordingStream, root: str, simulator: Simulator, model: object, example: Example
+    stream: rr.RecordingStream,
+    root: str,
+    simulator: Simulator,
+    model: mujoco.MjModel | None,
+    example: Example,
 ) -> None:
     """Log the moving bodies: in s_0 at time 0, then along the first observed trajectory."""
     states = np.concatenate([example.s0[None], example.observed[0]])
     states = states[: scenes.finite_steps(states)]
-    moving = scenes.moving_bodies(model)
-    scenes.log_bodies(stream, root, model, moving)
-    qpos = simulator.configuration(states)
-    scenes.log_motion(stream, root, model, moving, qpos, TIMELINE, np.arange(len(states)))
+    scenes.log_moving(stream, root, simulator, model, states, TIMELINE)
 
 
 def _log_success(

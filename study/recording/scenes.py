@@ -13,6 +13,7 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from study.common.arrays import Array, Doubles, Floats, Pixels
+from study.envs.simulator import Simulator
 from study.recording.streams import entity_below, time_column
 
 # MuJoCo's own viewer hides groups 3 to 5 too: by convention they hold collision shapes.
@@ -38,6 +39,38 @@ def moving_bodies(model: mujoco.MjModel) -> list[int]:
 def fixed_bodies(model: mujoco.MjModel) -> list[int]:
     """The numbers of the world and of the bodies that are welded to it."""
     return [body for body in range(model.nbody) if model.body_weldid[body] == 0]
+
+
+def log_fixed(
+    stream: rr.RecordingStream, simulator: Simulator, model: mujoco.MjModel | None, state: Floats
+) -> None:
+    """Log the bodies that do not move, below `/scene`, in the pose of a state [D].
+
+    Without a scene there are none.
+    """
+    if model is not None:
+        fixed = fixed_bodies(model)
+        log_bodies(stream, "/scene", model, fixed)
+        log_poses(stream, "/scene", model, fixed, simulator.configuration(state))
+
+
+def log_moving(
+    stream: rr.RecordingStream,
+    root: str,
+    simulator: Simulator,
+    model: mujoco.MjModel | None,
+    states: Floats,
+    timeline: str,
+) -> None:
+    """Log the bodies that move, and their motion along states [N, D] at the times 0 to N − 1.
+
+    Without a scene there are none.
+    """
+    if model is not None:
+        moving = moving_bodies(model)
+        log_bodies(stream, root, model, moving)
+        qpos = simulator.configuration(states)
+        log_motion(stream, root, model, moving, qpos, timeline, np.arange(len(states)))
 
 
 def log_bodies(

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from study.common.arrays import Booleans, Doubles, Floats, Pixels
+from study.common.errors import StudyError
 from study.envs.rendering import drawing
 from study.envs.rendering.camera import View, box, close_by, overview
 from study.envs.rendering.offscreen import renderer
@@ -58,13 +59,16 @@ def frames(
         pixels: side of a picture.
 
     Raises:
-        StudyError: OpenGL is not available.
+        StudyError: the system has no scene, or OpenGL is not available.
     """
+    scene = simulator.scene()
+    if scene is None:
+        raise StudyError(f"{simulator.title} has no MuJoCo scene and cannot be drawn")
     steps = np.unique(np.linspace(0, len(states) - 1, count).round().astype(int))
     path = simulator.position(states).astype(np.float64)
     target = simulator.target(goal).astype(np.float64)
     # A copy, since the visible range is set in the model.
-    model = copy.copy(simulator.scene())
+    model = copy.copy(scene)
     poses = [drawing.pose(model, q) for q in simulator.configuration(states[steps])]
     bodies, size = _bodies(model, poses)
 

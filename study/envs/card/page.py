@@ -66,11 +66,7 @@ SECTION = """
 
 Gymnasium id: `{id}`
 
-![Filmstrip of the {title}]({filmstrip})
-
-*One rollout, with the target and the path so far. The frame is green once the goal is reached.*
-
-{description}
+{filmstrip}{description}
 
 ### Uncertainty of the outcome of the {title}
 
@@ -88,6 +84,15 @@ The numbers are of the test scenarios of data seed {seed}, with all their rollou
 
 {tables}
 """
+
+
+FILMSTRIP = """\
+![Filmstrip of the {title}]({filmstrip})
+
+*One rollout, with the target and the path so far. The frame is green once the goal is reached.*
+
+"""
+"""Only of a system with a scene."""
 
 
 def write_page(
@@ -171,25 +176,32 @@ def _plot(simulator: Simulator, scenarios: ScenarioSet, folder: Path) -> list[Pa
     rollout = int(success[scenario].argmax())  # The first that succeeds, if any does.
     states = np.concatenate([scenarios.s0[scenario][None], scenarios.observed[scenario, rollout]])
     paths = {kind: folder / picture for kind, picture in _picture_names(simulator).items()}
-    plot_filmstrip(simulator, states, scenarios.goal[scenario], paths["filmstrip"])
+    if "filmstrip" in paths:
+        plot_filmstrip(simulator, states, scenarios.goal[scenario], paths["filmstrip"])
     plot_fans(simulator, scenarios, paths["fans"], chosen, simulator.plotted or None)
     plot_histogram(success, paths["histogram"])
     return list(paths.values())
 
 
 def _picture_names(simulator: Simulator) -> dict[str, str]:
-    kinds = ("filmstrip", "fans", "histogram")
+    """Paths of the pictures, by kind; a system without a scene has no filmstrip."""
+    kinds = (
+        ["fans", "histogram"] if simulator.scene() is None else ["filmstrip", "fans", "histogram"]
+    )
     return {kind: f"pictures/{simulator.name}_{kind}.png" for kind in kinds}
 
 
 def _section(simulator: Simulator, measured: Facts, seed: int) -> str:
+    pictures = _picture_names(simulator)
+    filmstrip = pictures.pop("filmstrip", None)
     return SECTION.format(
         title=simulator.title,
+        filmstrip=FILMSTRIP.format(title=simulator.title, filmstrip=filmstrip) if filmstrip else "",
         id=gymnasium_id(type(simulator)),
         description=describe(simulator),
         probabilities="{}, {} and {}".format(*PROBABILITIES),
         seed=seed,
         facts="\n".join(f"| {quantity} | {value} |" for quantity, value in rows(measured)),
         tables=tables(simulator),
-        **_picture_names(simulator),
+        **pictures,
     )
