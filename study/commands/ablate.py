@@ -16,7 +16,7 @@ from study.commands.command import Command, StudyOptions
 from study.commands.run_all import run_due
 from study.commands.settings import change
 from study.commands.terminal import console, say
-from study.common.errors import BadInput
+from study.common.errors import BadInput, shown
 from study.common.files import read_json, write_json, write_text
 from study.common.provenance import versions
 from study.config.grid import Cell, cells, select
@@ -100,8 +100,8 @@ def changed_configs(config: Config) -> dict[str, Config]:
     for text in config.ablations:
         try:
             configs[text] = change(config, [f"--{word}" for word in shlex.split(text)])
-        except BadInput as error:
-            raise BadInput(f"ablations: '{text}': {error}") from None
+        except (BadInput, ValueError) as error:  # ValueError: quotes that do not close
+            raise BadInput(f"ablations: {shown(text)}: {error}") from None
     return configs
 
 

@@ -1,14 +1,19 @@
 """What a command is: a name, a summary, its options, and a function that runs it."""
 
+from argparse import ArgumentTypeError
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
+from study.common.errors import shown
 from study.config.settings import Config
+from study.config.strict_yaml import INTEGER
 
 DEFAULT_OUT = Path("results/quick")
 """The results folder of commands that take no settings."""
+LONGEST_NUMBER = 18
+"""Digits of a number in an argument, at most."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,12 @@ class Command(Generic[Options]):
         return self.options(**found, **settings)
 
 
+def _whole_number(text: str) -> int:
+    if len(text) > LONGEST_NUMBER or not INTEGER.fullmatch(text):
+        raise ArgumentTypeError(f"got {shown(text)}; it must be a whole number")
+    return int(text)
+
+
 def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:
     """How `ArgumentParser` reads a field of options."""
     parsing: dict[str, Any] = {"help": kind.help}
@@ -112,5 +123,5 @@ def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:
     elif isinstance(kind, Flag) and is_required:
         parsing["required"] = True
     if int in get_args(get_args(entry.type)[0]):
-        parsing["type"] = int
+        parsing["type"] = _whole_number
     return parsing

@@ -1,11 +1,9 @@
 """The command line: which commands there are, and from arguments to a command and its options."""
 
-from argparse import RawDescriptionHelpFormatter
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-from jsonargparse import ArgumentParser, DefaultHelpFormatter
+from typing import Any, NoReturn
 
 from study.commands import (
     ablate,
@@ -22,15 +20,9 @@ from study.commands import (
     view,
 )
 from study.commands.command import Command
-from study.commands.settings import (
-    add_settings,
-    check_flags,
-    known_flags,
-    parse_arguments,
-    parse_settings,
-)
+from study.commands.settings import HELP, import_plugins_of, read_config, split
+from study.commands.settings_help import add_settings
 from study.common.errors import BadInput, nearest
-from study.common.plugins import import_plugins
 
 MODULES = (
     run_all,
@@ -47,6 +39,13 @@ MODULES = (
     ablate,
 )
 COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}
+
+STUDY_FLAGS = {
+    "--config": "YAML file of settings; configs/quick.yaml by default",
+    "--out": "results folder; results/NAME by default",
+    "--only": "cells whose name matches, such as 'pusher/high/*'",
+}
+"""The flags of every command that takes settings: what each one is."""
 
 USAGE = """\
 usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
@@ -108,40 +107,44 @@ def usage() -> str:
 
 def _own_options(command: Command[Any], arguments: list[str]) -> Any:
     """The options of a command that takes no settings."""
-    for argument in arguments:
-        flag = argument.partition("=")[0]
-        if flag.startswith("--") and flag not in (*command.flags, "--help"):
-            raise BadInput(f"{command.name} has no '{flag}': {nearest(flag, command.flags)}")
-    check_flags(arguments, command.flags)
-    namespace = parse_arguments(_parser(command), arguments)
-    return command.read_options(namespace)
+    texts, rest = split(arguments, command.flags)
+    for name in texts:
+        raise BadInput(f"{command.name} has no '--{name}': {nearest('--' + name, command.flags)}")
+    return command.read_options(_parser(command).parse_args(rest))
 
 
 def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     """The options of a command that takes settings."""
+    texts, rest = split(arguments, [*STUDY_FLAGS, *command.flags])
     parser = _parser(command)
-    parser.add_argument(
-        "--config", action="config", help="YAML file of settings; configs/quick.yaml by default"
-    )
-    parser.add_argument("--out", help="results folder; results/NAME by default")
-    parser.add_argument("--only", help="cells whose name matches, such as 'pusher/high/*'")
+    for flag, text in STUDY_FLAGS.items():
+        parser.add_argument(flag, help=text)
     # The list of all settings would hide what is special about the other commands.
-    if command.name == "all" or not {"-h", "--help"} & set(arguments):
+    if command.name == "all" and set(HELP) & set(rest):
+        import_plugins_of({}, texts)
         add_settings(parser)
-    check_flags(arguments, ["--config", "--out", "--only", *command.flags, *known_flags()])
-    config, namespace = parse_settings(parser, arguments)
-    import_plugins(config.plugins)
-    out = Path(namespace.out) if namespace.out else Path("results") / config.name
-    return command.read_options(namespace, config=config, out=out, only=namespace.only)
+    if sum(argument.startswith("--config=") for argument in rest) > 1:
+        raise BadInput("--config: given twice; give one file, and flags for what is different")
+    values = parser.parse_args(rest)
+    config = read_config(values.config, texts)
+    out = Path(values.out) if values.out else Path("results") / config.name
+    return command.read_options(values, config=config, out=out, only=values.only)
+
+
+class _Parser(ArgumentParser):
+    """Raises an error as `BadInput`, where `ArgumentParser` would print its usage and exit."""
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(message.removeprefix("argument "))
 
 
 def _parser(command: Command[Any]) -> ArgumentParser:
-    parser = ArgumentParser(
+    parser = _Parser(
         prog=f"python -m study.run {command.name}",
         usage=_usage_line(command),
         description=f"{command.summary}\n\n{command.details}",
-        formatter_class=_Formatter,
-        exit_on_error=False,
+        formatter_class=RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     for name, parsing in command.arguments.items():
         parser.add_argument(name, **parsing)
@@ -158,7 +161,3 @@ def _usage_line(command: Command[Any]) -> str:
     if command.takes_settings:
         words += ["[--config FILE]", "[--out DIR]", "[--only PATTERN]", "[--any.setting VALUE]"]
     return " ".join(words)
-
-
-class _Formatter(RawDescriptionHelpFormatter, DefaultHelpFormatter):
-    """Keeps the line breaks of the details, and shows types and defaults of settings."""

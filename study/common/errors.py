@@ -32,6 +32,7 @@ def nearest(given: str, allowed: Iterable[str]) -> str:
 REMEDIES = {
     errno.ENOSPC: "the disk is full; remove files from it or give another --out",
     errno.EDQUOT: "the disk quota is used up; remove files or give another --out",
+    errno.EFBIG: "the size of files is limited (see `ulimit -f`); raise the limit",
     errno.EACCES: "no permission; change the permissions or give another --out",
     errno.EPERM: "no permission; change the permissions or give another --out",
     errno.EROFS: "the file system is read-only; give another --out",
@@ -47,3 +48,23 @@ def explain(error: OSError) -> str:
     """
     reason = REMEDIES.get(error.errno or 0) or error.strerror or str(error)
     return reason if error.filename is None else f"{error.filename}: {reason}"
+
+
+def shown(value: object) -> str:
+    """A value that somebody gave, for an error: short, in one line, text in quotes.
+
+    >>> shown("a\\nb"), shown(None), shown([1, 2])
+    ("'a?b'", 'null', '[1, 2]')
+    """
+    if isinstance(value, dict):
+        return "a section of settings"
+    if isinstance(value, list):
+        return _short(f"[{', '.join(map(str, value[:20]))}]")
+    if isinstance(value, str):
+        return f"'{_short(value)}'"
+    return {"None": "null", "True": "true", "False": "false"}.get(str(value), _short(str(value)))
+
+
+def _short(text: str, longest: int = 60) -> str:
+    line = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return line if len(line) <= longest else f"{line[:longest]}…"

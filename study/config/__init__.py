@@ -1,0 +1,5 @@
+"""Settings. Importing the room registers the sections of the study's own models."""
+
+from study.config import model_sections
+
+__all__ = ["model_sections"]

@@ -1,8 +1,9 @@
 """Names of environments, levels and models in settings and folders, and their labels in text."""
 
 ENVIRONMENTS = ("pusher", "uav")
-LEVELS = ("low", "high")
-"""Levels of epistemic uncertainty."""
+FRACTIONS = {"low": 1.0, "high": 0.1}
+"""The fraction of the training data at the paper's levels of epistemic uncertainty."""
+LEVELS = tuple(FRACTIONS)
 RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
 MODELS = (RESIDUAL, FULL, MLP)
 """The models of the paper."""

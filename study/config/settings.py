@@ -1,17 +1,19 @@
-"""Every setting of the study: frozen dataclasses, one for each section of the YAML files.
+"""The settings that every study has: frozen dataclasses, one for each section of the YAML files.
 
 The defaults are those of ``configs/quick.yaml``. A YAML file or a dotted flag
-(``--tune.trials 12``) changes a setting, and `study.config.validation` checks it.
+(``--tune.trials 12``) changes a setting, and `study.config.tree` checks it. Models add sections of
+their own: see `study.config.sections`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
+from study.config.names import FRACTIONS
+from study.config.sections import registered, setting
 
-def setting(default: Any, **allowed: Any) -> Any:
-    """A field with bounds `low` and `high`, both inclusive, or with `choices`."""
-    return field(default=default, metadata=allowed)
+LARGEST_SEED = 2**63 - 1
+"""Files hold seeds as 64-bit integers."""
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,21 @@ class Grid:
 
     Args:
         environments: real systems, by their registered names.
-        levels: epistemic levels: `low` has all training data, `high` a tenth of them.
+        levels: epistemic levels, by name: the fraction of the training data that each has, such as
+            ``{low: 1.0, high: 0.1, tiny: 0.01}``. ``[low, high]`` means the paper's: all data, and
+            a tenth.
         models: models, by their registered names. `paper` means the paper's three models, `all`
             means these and the models beyond the paper.
         seeds: each names initial weights, an order of the data, and at level high a tenth of the
-            data.
+            data: see `study.config.stage_settings.TrainingSet`.
     """
 
     environments: tuple[str, ...] = ("pusher", "uav")
-    levels: tuple[str, ...] = ("low", "high")
+    levels: Mapping[str, float] = field(
+        default_factory=lambda: dict(FRACTIONS), metadata={"low": 1e-9, "high": 1.0}
+    )
     models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp", "residual_crps")
-    seeds: tuple[int, ...] = setting((0,), low=0)
+    seeds: tuple[int, ...] = setting((0,), low=0, high=LARGEST_SEED)
 
 
 @dataclass(frozen=True)
@@ -39,21 +45,19 @@ class Collect:
 
     Args:
         trajectories: training trajectories of level low.
-        reduction: level high has trajectories / reduction of them (the paper's 10).
-        validation: trajectories for early stopping and tuning, the same for both levels.
+        validation: trajectories for early stopping and tuning, the same for every level.
         scenarios: test scenarios (the paper's 250).
         rollouts: observed rollouts K of each test scenario.
         horizon: control steps T; null is the environment's own (120 and 60).
         seed: of the data sets; the same for every cell.
     """
 
-    trajectories: int = setting(3000, low=2)
-    reduction: int = setting(10, low=1)
-    validation: int = setting(128, low=2)
-    scenarios: int = setting(250, low=2)
-    rollouts: int = setting(40, low=2)
-    horizon: int | None = setting(None, low=2)
-    seed: int = setting(0, low=0)
+    trajectories: int = setting(3000, low=2, high=10**6)
+    validation: int = setting(128, low=2, high=10**5)
+    scenarios: int = setting(250, low=2, high=10**5)
+    rollouts: int = setting(40, low=2, high=10**4)
+    horizon: int | None = setting(None, low=2, high=10**4)
+    seed: int = setting(0, low=0, high=LARGEST_SEED)
 
 
 @dataclass(frozen=True)
@@ -77,16 +81,16 @@ class Ensemble:
         patience: evaluations without improvement before training stops.
     """
 
-    members: int = setting(5, low=1)
+    members: int = setting(5, low=1, high=1000)
     cross_fit: bool = False
-    hidden_size: int = setting(64, low=1)
-    steps: int = setting(1000, low=1)
-    batch_size: int = setting(12, low=1)
+    hidden_size: int = setting(64, low=1, high=10**4)
+    steps: int = setting(1000, low=1, high=10**8)
+    batch_size: int = setting(12, low=1, high=10**6)
     learning_rate: float = setting(6e-3, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
     teacher_forcing_fraction: float = setting(0.4, low=0.0, high=1.0)
-    validate_every: int = setting(100, low=1)
-    patience: int = setting(6, low=1)
+    validate_every: int = setting(100, low=1, high=10**8)
+    patience: int = setting(6, low=1, high=10**8)
 
 
 @dataclass(frozen=True)
@@ -103,112 +107,13 @@ class Tune:
         samples: forecasts of each.
     """
 
-    trials: int = setting(4, low=1)
+    trials: int = setting(4, low=1, high=10**5)
     beta_low: float = setting(0.3, low=1e-12)
     beta_high: float = setting(100.0, low=1e-12)
-    steps: int = setting(200, low=1)
-    evaluations: int = setting(2, low=1)
-    validation: int = setting(64, low=2)
-    samples: int = setting(16, low=2)
-
-
-@dataclass(frozen=True)
-class Vae:
-    """The two recurrent conditional VAEs (section III-B).
-
-    Args:
-        hidden_size: hidden units of the encoder's and of the decoder's GRU.
-        latent_size: components of z_t.
-        teacher_forcing: the decoder's state history in training: the true states (`always`), its
-            own predictions (`never`), or the true states first and then its own (`scheduled`).
-        target: the decoder's output is ε_{t+1} or s_{t+1} itself (`state`), or its change over
-            the step (`delta`).
-        decoder_output: a forecast state is sampled from p_θ(s_{t+1} | ·) (`sample`) or is its
-            mean (`mean`).
-        variance: that of p_θ depends on the past (`heteroscedastic`) or is one number for each
-            dimension (`homoscedastic`).
-        encoder: the encoder sees the target and s_t, a_t (`target`), or s_{0:t}, a_{0:t} alone as
-            eq. (12) is written (`history`).
-        member: m is sampled for each trajectory of a batch (`trajectory`) or once for all
-            (`batch`).
-    """
-
-    hidden_size: int = setting(64, low=1)
-    latent_size: int = setting(8, low=1)
-    teacher_forcing: str = setting("always", choices=("always", "never", "scheduled"))
-    target: str = setting("delta", choices=("state", "delta"))
-    decoder_output: str = setting("sample", choices=("sample", "mean"))
-    variance: str = setting("heteroscedastic", choices=("heteroscedastic", "homoscedastic"))
-    encoder: str = setting("target", choices=("target", "history"))
-    member: str = setting("trajectory", choices=("trajectory", "batch"))
-
-
-@dataclass(frozen=True)
-class Crps:
-    """The CRPS generators: models trained by proper scores, beyond the paper.
-
-    Args:
-        hidden_size: hidden units of each of the decoder's layers.
-        steps: of the optimiser, in place of `train.steps`.
-        one_step_fraction: share of the steps that trains on single transitions, by the logarithmic
-            score; the others train on autoregressive rollouts, by the CRPS.
-        batch_size: trajectories that single transitions are sampled from, in place of
-            `train.batch_size`; rollouts start from some of them.
-        learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
-        noise_size: standard normal numbers that drive the decoder at each step.
-        persistent_noise_size: so many of them are sampled once for the whole trajectory.
-        samples: forecasts of each training trajectory that are scored together.
-        energy_weight: weight of the energy score of the joint state.
-    """
-
-    hidden_size: int = setting(64, low=1)
-    steps: int = setting(4000, low=1)
-    one_step_fraction: float = setting(0.8, low=0.0, high=1.0)
-    batch_size: int = setting(64, low=1)
-    learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
-    noise_size: int = setting(12, low=1)
-    persistent_noise_size: int = setting(4, low=0)
-    samples: int = setting(4, low=2)
-    energy_weight: float = setting(0.3, low=0.0)
-
-
-@dataclass(frozen=True)
-class Mlp:
-    """The probabilistic MLP (section III-C).
-
-    Args:
-        hidden_size: units of each hidden layer.
-        layers: number of hidden layers.
-        loss: the negative log-likelihood (`nll`), or the β-NLL (`beta_nll`), as for the VAEs: see
-            `study/models/networks/likelihood.py`.
-    """
-
-    hidden_size: int = setting(128, low=1)
-    layers: int = setting(3, low=1)
-    loss: str = setting("beta_nll", choices=("nll", "beta_nll"))
-
-
-@dataclass(frozen=True)
-class ModelEnsemble:
-    """Ensembles of whole models, beyond the paper.
-
-    Args:
-        members: complete models, each with its own initial weights and order of the data.
-    """
-
-    members: int = setting(5, low=1)
-
-
-@dataclass(frozen=True)
-class ProbabilisticEnsemble:
-    """The ensemble of probabilistic MLPs.
-
-    Args:
-        propagation: a forecast keeps its member for the whole trajectory (`trajectory`, TS∞), or
-            samples one at every step (`step`, TS1).
-    """
-
-    propagation: str = setting("trajectory", choices=("trajectory", "step"))
+    steps: int = setting(200, low=1, high=10**8)
+    evaluations: int = setting(2, low=1, high=10**5)
+    validation: int = setting(64, low=2, high=10**5)
+    samples: int = setting(16, low=2, high=10**4)
 
 
 @dataclass(frozen=True)
@@ -229,12 +134,12 @@ class Train:
         accelerator: Lightning's: `auto` takes a GPU where there is one.
     """
 
-    steps: int = setting(1200, low=1)
-    batch_size: int = setting(12, low=1)
+    steps: int = setting(1200, low=1, high=10**8)
+    batch_size: int = setting(12, low=1, high=10**6)
     learning_rate: float = setting(8e-3, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
-    validate_every: int = setting(150, low=1)
-    patience: int = setting(8, low=1)
+    validate_every: int = setting(150, low=1, high=10**8)
+    patience: int = setting(8, low=1, high=10**8)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
 
 
@@ -248,9 +153,9 @@ class Evaluate:
         examples: scenarios whose forecasts are stored for the recordings.
     """
 
-    samples: int = setting(40, low=2)
+    samples: int = setting(40, low=2, high=10**4)
     bandwidth: float = setting(1.0, low=1e-3, high=1e3)
-    examples: int = setting(7, low=1)
+    examples: int = setting(7, low=1, high=10**5)
 
 
 @dataclass(frozen=True)
@@ -283,8 +188,8 @@ class Engine:
     """
 
     kind: str = setting("dask", choices=("serial", "dask"))
-    workers: int = setting(0, low=0)
-    threads: int = setting(1, low=1)
+    workers: int = setting(0, low=0, high=1000)
+    threads: int = setting(1, low=1, high=1000)
 
 
 @dataclass(frozen=True)
@@ -301,15 +206,12 @@ class Config:
         collect: observed data.
         ensemble: the ensemble of recurrent networks.
         tune: the search for beta.
-        vae: the residual VAE and the full VAE.
-        mlp: the probabilistic MLP.
-        crps: the generators beyond the paper.
-        model_ensemble: ensembles of whole models, beyond the paper.
-        probabilistic_ensemble: that of probabilistic MLPs.
         train: fitting a cell's model.
         evaluate: forecasts and scores.
         publish: files that go to the results folder.
         engine: where stages run.
+        sections: the sections that models registered, by dotted name (`study.config.sections`).
+            Those left out have their defaults.
     """
 
     name: str = "quick"
@@ -319,22 +221,26 @@ class Config:
     collect: Collect = Collect()
     ensemble: Ensemble = Ensemble()
     tune: Tune = Tune()
-    vae: Vae = Vae()
-    mlp: Mlp = Mlp()
-    crps: Crps = Crps()
-    model_ensemble: ModelEnsemble = ModelEnsemble()
-    probabilistic_ensemble: ProbabilisticEnsemble = ProbabilisticEnsemble()
     train: Train = Train()
     evaluate: Evaluate = Evaluate()
     publish: Publish = Publish()
     engine: Engine = Engine()
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        defaults = {name: kind() for name, kind in registered().items()}
+        object.__setattr__(self, "sections", defaults | dict(self.sections))
+
+    def section(self, name: str) -> Any:
+        """The section with a dotted name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        if name in SECTIONS:
+            return getattr(self, name)
+        return self.sections[name] if name in self.sections else registered()[name]()
 
 
-def keys(section: type = Config, prefix: str = "") -> Iterator[str]:
-    """The dotted name of every setting: ``name``, ``grid.environments``, …"""
-    for entry in fields(section):
-        default = entry.default
-        if is_dataclass(default):
-            yield from keys(type(default), f"{prefix}{entry.name}.")
-        else:
-            yield prefix + entry.name
+SECTIONS = tuple(entry.name for entry in fields(Config) if is_dataclass(entry.default))
+"""The sections that every study has."""

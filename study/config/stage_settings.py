@@ -6,6 +6,7 @@ JSON in a task's key and in its manifest.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from study.config.settings import Collect, Ensemble, Evaluate, Tune
@@ -37,6 +38,22 @@ class TrainingSet:
 
     first: int
     trajectories: int
+
+    @classmethod
+    def of_level(cls, fraction: float, total: int, seed: int) -> "TrainingSet":
+        """The part of the data that a seed has at a level.
+
+        The data are cut into as many parts as there are, such as ten tenths. Seed 0 has the first
+        part, seed 1 the second, and so on; after the last part comes the first again.
+
+        Args:
+            fraction: of the data, at this level.
+            total: number of the environment's training trajectories.
+            seed: of the cell.
+        """
+        exact = Fraction(str(fraction))  # as it is written: a tenth and not its binary neighbour
+        count = int(exact * total)
+        return cls(seed % int(1 / exact) * count, count)
 
 
 @dataclass(frozen=True)

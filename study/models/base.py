@@ -1,6 +1,7 @@
 """The contract of a forecaster, and the base class of those that are trained."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -16,7 +17,8 @@ from study.common.arrays import Floats
 from study.common.errors import BadInput, StudyError, nearest
 from study.common.registry import Registry, full_name, missing
 from study.common.seeds import Seeds
-from study.config.settings import Config, Train
+from study.config.sections import PREFIX, register_own, registered, sections_of
+from study.config.settings import SECTIONS, Config, Train
 from study.data.frames import to_fixed_frame, to_rotating_frame
 from study.data.normalization import Normalization
 from study.models.optimizer import adamw, one_cycle
@@ -76,7 +78,12 @@ class Model(L.LightningModule, Generic[S]):
     """
 
     settings_class: ClassVar[type[Any]]
-    """A frozen dataclass whose fields are sections of `study.config.settings.Config`, by name."""
+    """A frozen dataclass: what the model reads of the configuration.
+
+    A field whose type is a dataclass is the section of that name, such as ``train: Train``. Every
+    other field is a setting of the model's own, ``--model.NAME.FIELD``, and has a default:
+    ``size: int = setting(8, low=1)``. It may raise `ValueError` in ``__post_init__``.
+    """
     tunes_beta: ClassVar[bool] = False
     uses_ensemble: ClassVar[bool] = False
     data_streams: int | None = None
@@ -103,20 +110,26 @@ class Model(L.LightningModule, Generic[S]):
         self.settings = settings
 
     @classmethod
-    def settings_from(cls, config: Config) -> S:
-        """The settings of this model: the sections of a configuration that the class reads.
+    def settings_from(cls, config: Config, name: str = "") -> S:
+        """The settings of this model: sections of a configuration, and settings of its own.
+
+        Args:
+            config: the configuration.
+            name: registered name of the model. Its own settings stand in the section
+                ``model.NAME``; without a name, or without this section, they have their defaults.
 
         Raises:
-            BadInput: a field of `settings_class` is no section of the configuration.
+            BadInput: a field of `settings_class` is no section of the configuration, or the class
+                refuses the values.
         """
-        sections = [entry.name for entry in fields(config)]
-        names = [entry.name for entry in fields(cls.settings_class)]
-        if unknown := [name for name in names if name not in sections]:
-            raise BadInput(
-                f"{cls.__name__}: the configuration has no section '{unknown[0]}'; "
-                f"{nearest(unknown[0], sections)}"
-            )
-        return cls.settings_class(**{name: getattr(config, name) for name in names})
+        check_sections(cls)
+        own = PREFIX + name
+        values = asdict(config.section(own)) if own in registered() else {}
+        values |= {section: config.section(section) for section in sections_of(cls.settings_class)}
+        try:
+            return cls.settings_class(**values)
+        except ValueError as error:
+            raise BadInput(f"{own}: {' '.join(str(error).split())}") from None
 
     @classmethod
     def training_options(cls, settings: S) -> Train:
@@ -280,5 +293,36 @@ def check_class(model: Any) -> None:
         raise BadInput(f"{subject}.settings_class: {settings.__name__} lacks train: Train")
 
 
-models: Registry[type[Model[Any]]] = Registry("model", check_class)
+def check_sections(model: type[Model[Any]]) -> None:
+    """Check that the configuration has the sections that a class reads.
+
+    Raises:
+        BadInput: it lacks one.
+    """
+    known = [*SECTIONS, *(name for name in registered() if not name.startswith(PREFIX))]
+    for name in sections_of(model.settings_class):
+        if name not in known:
+            raise BadInput(
+                f"{full_name(model)}: the configuration has no section '{name}'; "
+                f"{nearest(name, known)}"
+            )
+
+
+class ModelRegistry(Registry[type[Model[Any]]]):
+    """Models by name. To register a model registers the settings of its own as well."""
+
+    def register(self, name: str) -> Callable[[type[Model[Any]]], type[Model[Any]]]:
+        """See `Registry.register`."""
+        register = super().register(name)
+
+        def enter(model: type[Model[Any]]) -> type[Model[Any]]:
+            entered = register(model)
+            check_sections(model)
+            register_own(name, model.settings_class)
+            return entered
+
+        return enter
+
+
+models = ModelRegistry("model", check_class)
 """The trained forecasters by name."""

@@ -25,7 +25,8 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
-from study.config.settings import Crps, Train
+from study.config.model_sections import Crps
+from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
 from study.models.networks.likelihood import weighted_log_score

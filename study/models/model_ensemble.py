@@ -19,7 +19,8 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from study.config.settings import ModelEnsemble, Train
+from study.config.model_sections import ModelEnsemble
+from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.base import Model
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from study.config.settings import ProbabilisticEnsemble
+from study.config.model_sections import ProbabilisticEnsemble
 from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.model_ensemble import EnsembleOfModels, EnsembleOfModelsSettings

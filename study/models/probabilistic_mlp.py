@@ -7,7 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from study.config.settings import Mlp, Train
+from study.config.model_sections import Mlp
+from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.base import Model, models
 from study.models.networks.likelihood import beta_nll_weights, gaussian_nll

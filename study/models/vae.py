@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from study.config.settings import Train, Vae
+from study.config.model_sections import Vae
+from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
 from study.models.networks.cvae import RecurrentCvae

@@ -3,18 +3,19 @@
 ``study.json`` has all settings of the study, so a reader needs no configuration.
 """
 
-import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.common.errors import BadInput, StudyError, nearest
-from study.common.files import read_json
+from study.common.errors import BadInput, StudyError, explain, nearest
+from study.common.files import read_json, why_not_writable
 from study.common.plugins import import_plugins
-from study.config.convert import from_json
 from study.config.grid import Cell, among, cells
 from study.config.settings import Config
-from study.config.validation import check
+from study.config.tree import from_json, to_json
+from study.config.values import check_setting
+from study.results.origin import Origin
+from study.results.origin import from_json as origin_from_json
 
 FORMAT = 1
 """Version of the layout of a results folder. Other versions are neither read nor overwritten."""
@@ -31,13 +32,13 @@ class Results:
         out: the folder.
         config: settings of the study; those of the engine have their defaults.
         complete: the cells that have results.
-        versions: of Python and of the packages that made them, by name.
+        origin: with what they were made.
     """
 
     out: Path
     config: Config
     complete: tuple[Cell, ...]
-    versions: dict[str, str]
+    origin: Origin
 
     def cell(self, name: str, flag: str) -> Cell:
         """The complete cell called `name`.
@@ -76,18 +77,16 @@ def read(out: Path) -> Results:
         config = _settings(out, facts["settings"])
         by_name = {cell.name: cell for cell in cells(config)}
         complete = tuple(by_name[name] for name in facts["cells"])
-        versions = {str(name): str(version) for name, version in facts["versions"].items()}
+        origin = origin_from_json(facts)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise StudyError(f"{path} is damaged ({reason}); {RUN_AGAIN}") from None
-    check(config)
-    import_plugins(config.plugins)
-    return Results(out, config, complete, versions)
+    return Results(out, config, complete, origin)
 
 
 def settings_of(config: Config) -> dict[str, Any]:
     """All settings as JSON, except those of the engine, on which no number depends."""
-    settings = asdict(config)
+    settings = to_json(config)
     settings.pop("engine")
     return settings
 
@@ -98,11 +97,17 @@ def check_writable(out: Path) -> None:
     Raises:
         BadInput: it cannot, or a study of another version is in it.
     """
-    parent = out
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise _not_writable(out)
+    if problem := why_not_writable(out):
+        raise _not_writable(out, problem)
+    check_format(out)
+
+
+def check_format(out: Path) -> None:
+    """Check that no study of another version is in a results folder.
+
+    Raises:
+        BadInput: one is.
+    """
     if (out / STUDY).exists():
         try:
             found = read_json(out / STUDY).get("format")
@@ -120,7 +125,7 @@ def create(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:  # a file system may refuse what permissions allow
-        raise _not_writable(out) from error
+        raise _not_writable(out, explain(error)) from error
 
 
 def _check_format(out: Path, found: Any) -> None:
@@ -132,8 +137,13 @@ def _check_format(out: Path, found: Any) -> None:
 
 
 def _settings(out: Path, values: Any) -> Config:
+    """The settings of a study, after importing its plugins, whose models may have settings."""
     try:
-        return from_json(Config, values)
+        import_plugins(check_setting("plugins", tuple[str, ...], values.get("plugins", ()), (), {}))
+    except BadInput as error:
+        raise BadInput(f"{out}: {error}") from None
+    try:
+        return from_json(values, unknown=("engine",))
     except BadInput as error:
         raise BadInput(
             f"{out} was made by another version of the study: {error}; run the study again: "
@@ -141,8 +151,8 @@ def _settings(out: Path, values: Any) -> Config:
         ) from None
 
 
-def _not_writable(out: Path) -> BadInput:
-    return BadInput(f"--out: cannot write to '{out}'; give a folder that you may write to")
+def _not_writable(out: Path, problem: str) -> BadInput:
+    return BadInput(f"--out: cannot write to '{out}': {problem}")
 
 
 def _nearest_study(out: Path) -> str:

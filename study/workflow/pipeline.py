@@ -1,12 +1,11 @@
-"""Which stages a cell needs, and what each one depends on.
+"""The stages that a cell needs, and their dependencies.
 
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
        └─► record_data ────────────────────────────────────►┘
 
-A task depends on the settings that it is given here, on its input tasks, and on the source of its
-stage and of the environment and model that it uses. It depends on nothing else. What several cells
-share (data, an ensemble) is one task. This module alone of the room asks the registries of
-environments and models.
+A task depends on its settings, on its input tasks, and on the source of its stage, environment and
+model. It depends on nothing else. Data or an ensemble that several cells share is one task. Within
+`study.workflow`, only this module uses the registries of environments and models.
 """
 
 from collections.abc import Sequence
@@ -87,7 +86,7 @@ class Pipeline:
     def evaluate(self, cell: Cell) -> Task:
         """Forecasts of the test scenarios and their scores.
 
-        Neither label nor seed of the oracle name a level, so both levels share its task.
+        The oracle's label and seed do not contain the level, so both levels share one task.
         """
         settings = EvaluateSettings(
             cell.environment,
@@ -128,17 +127,14 @@ class Pipeline:
         return self._task("record", cell.name, settings, [simulators[cell.environment]], **inputs)
 
     def _training_set(self, cell: Cell) -> TrainingSet:
-        """All trajectories, or at level high the seed's own tenth of them."""
-        collect = self.config.collect
-        if cell.level == "low":
-            return TrainingSet(0, collect.trajectories)
-        count = collect.trajectories // collect.reduction
-        return TrainingSet(cell.seed % collect.reduction * count, count)
+        """The seed's part of the trajectories, as the fraction of its level says."""
+        fraction, total = self.config.grid.levels[cell.level], self.config.collect.trajectories
+        return TrainingSet.of_level(fraction, total, cell.seed)
 
     def _fit(self, cell: Cell, purpose: str) -> TrainSettings:
-        """The fit of the cell's model, with the training options that hold for the model."""
+        """The fit of the cell's model, with `Model.training_options`."""
         model = models[cell.model]
-        settings = model.settings_from(self.config)
+        settings = model.settings_from(self.config, cell.model)
         settings = replace(settings, train=model.training_options(settings))
         seed = derive(cell.name, purpose)
         return TrainSettings(self._training_set(cell), cell.model, asdict(settings), seed)
@@ -153,5 +149,5 @@ class Pipeline:
         self, stage: str, label: str, settings: Any, classes: Sequence[type] = (), **inputs: Task
     ) -> Task:
         """A task that depends on the source of its stage and of registered classes."""
-        source = source_digests((f"study.stages.{stage}", *(each.__module__ for each in classes)))
+        source = source_digests((f"study.stages.{stage}", *(registered.__module__ for registered in classes)))
         return Task(stage, label, asdict(settings), inputs, source, self.config.plugins)

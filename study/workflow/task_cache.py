@@ -1,12 +1,11 @@
-"""The tasks of a study, remembered, so that `plan` and `status` answer at once.
+"""A cache of the tasks of a study, so that `plan` and `status` answer immediately.
 
-To find the tasks, `study.workflow.pipeline` imports every model, and with them torch and Lightning:
-seconds of work. A run writes its tasks to ``work/tasks.json``. They are read from there as long as
+`study.workflow.pipeline` imports every model, and with them torch and Lightning, which takes
+seconds. So a run writes its tasks to ``work/tasks.json``. The tasks are read from this file while
 the settings and the source are the same.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,13 @@ from study.common.files import digest, read_json, write_json
 from study.common.provenance import source_revision
 from study.config.grid import Cell, cells
 from study.config.settings import Config
+from study.config.tree import to_json
 from study.workflow.store import Store
 from study.workflow.task import Task
 
 
 def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
-    """The last task, `record`, of every cell of the grid. Its inputs lead to all other tasks.
+    """The last task, `record`, of every cell of the grid. All other tasks are inputs of these.
 
     Raises:
         BadInput: an environment or a model is unknown.
@@ -39,9 +39,10 @@ def record_tasks(config: Config, store: Store) -> dict[Cell, Task]:
 
 
 def write_cache(config: Config, records: Mapping[Cell, Task], store: Store) -> None:
-    """Write the tasks that `record_tasks` found to the cache.
+    """Write the tasks of `record_tasks` to the cache.
 
-    A study with plugins has no cache: their source may change, and importing them takes as long.
+    A study with plugins has no cache. The source of a plugin may change, and its import takes as
+    long as that of the models.
     """
     if config.plugins:
         return
@@ -55,7 +56,7 @@ def write_cache(config: Config, records: Mapping[Cell, Task], store: Store) -> N
 
 
 def topological_order(last: Iterable[Task]) -> list[Task]:
-    """The tasks `last` and all their inputs, each once, every task after its inputs."""
+    """The tasks `last` and all their inputs without repetition, every task after its inputs."""
     ordered: dict[Task, None] = {}
 
     def visit(task: Task) -> None:
@@ -74,7 +75,7 @@ def _path(store: Store) -> Path:
 
 def _key(config: Config) -> str:
     """Hash of all that the tasks depend on: the settings, and the source with its versions."""
-    return digest([asdict(config), source_revision()])
+    return digest([to_json(config), source_revision()])
 
 
 def _pack(task: Task, number: Mapping[Task, int]) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """Models and data at the sizes that the benchmarks measure."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
 
 from study.common.progress import Progress
-from study.config.settings import Config, Ensemble, Mlp, Vae
+from study.config.model_sections import Mlp, Vae
+from study.config.settings import Config, Ensemble
 from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories, concatenate
 from study.envs import simulators
@@ -18,7 +19,8 @@ MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp")
 SIZES = {
     "quick": Config(),
     "paper": Config(
-        ensemble=Ensemble(hidden_size=128), vae=Vae(hidden_size=128), mlp=Mlp(hidden_size=256)
+        ensemble=Ensemble(hidden_size=128),
+        sections={"vae": Vae(hidden_size=128), "mlp": Mlp(hidden_size=256)},
     ),
 }
 """Configurations with the hidden sizes of ``configs/quick.yaml`` and ``configs/paper.yaml``."""
@@ -43,14 +45,16 @@ def build_model(name: str, config: Config, data: Trajectories) -> Any:
     config = replace(
         config,
         ensemble=replace(config.ensemble, teacher_forcing_fraction=0.0),
-        vae=replace(config.vae, teacher_forcing="never"),
+        sections={
+            **config.sections,
+            "vae": replace(config.section("vae"), teacher_forcing="never"),
+        },
     )
     ensemble = RnnEnsemble(normalization, RnnEnsembleSettings(config.ensemble))
     if name == "ensemble":
         return ensemble
     model: type[Model] = models[name]
-    sections = {entry.name: getattr(config, entry.name) for entry in fields(model.settings_class)}
     arguments: dict[str, Any] = {"beta": 1.0} if model.tunes_beta else {}
     if model.uses_ensemble:
         arguments["ensemble"] = ensemble
-    return model(normalization, model.settings_class(**sections), **arguments)
+    return model(normalization, model.settings_from(config, name), **arguments)

@@ -46,16 +46,16 @@ def operations(name: str, config: Config, state: int, action: int) -> int:
     as many, and that by the input again as many, unless the input is data. The gates' pointwise
     operations, and what happens once a trajectory, are left out.
     """
-    latent = config.vae.latent_size
-    hidden = config.ensemble.hidden_size if name == "ensemble" else config.vae.hidden_size
+    latent = config.section("vae").latent_size
+    hidden = config.ensemble.hidden_size if name == "ensemble" else config.section("vae").hidden_size
     layers: list[tuple[int, int, bool]]  # I, O, whether there is a derivative by the input
     if name == "ensemble":
         layers = [(action, 3 * hidden, False), (state, 3 * hidden, True)]
         layers += [(hidden, 3 * hidden, True), (hidden, state, True)]
     elif name == "probabilistic_mlp":
-        width = config.mlp.hidden_size
+        width = config.section("mlp").hidden_size
         layers = [(state + action, width, False)]
-        layers += [(width, width, True)] * (config.mlp.layers - 1) + [(width, 2 * state, True)]
+        layers += [(width, width, True)] * (config.section("mlp").layers - 1) + [(width, 2 * state, True)]
     else:
         condition = action + (state if name == "residual_vae" else 0)
         layers = [(2 * state + condition, 3 * hidden, False), (hidden, 3 * hidden, True)]
@@ -123,8 +123,8 @@ def mbrl_steps(config: Config, batch: dict[str, Tensor], size: int) -> Run:
         inputs.shape[1],
         targets.shape[1],
         "cpu",
-        num_layers=config.mlp.layers,
-        hid_size=config.mlp.hidden_size,
+        num_layers=config.section("mlp").layers,
+        hid_size=config.section("mlp").hidden_size,
         learn_logvar_bounds=True,
         activation_fn_cfg={"_target_": "torch.nn.SiLU"},
     )

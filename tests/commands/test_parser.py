@@ -9,7 +9,7 @@ import pytest
 
 from study.commands.parser import COMMANDS, parse
 from study.commands.settings import CONFIGS
-from study.config.settings import keys
+from study.config.tree import keys
 from study.run import main
 
 BAD = [
@@ -19,14 +19,14 @@ BAD = [
     (["all", "--tune.trial", "3"], "did you mean 'tune.trials'?"),
     (["all", "--trials", "3"], "tune.trials"),
     (["all", "--tune.trials", "many"], "tune.trials: got 'many'; it must be a whole number"),
-    (["all", "--tune.trials", "1.5"], "tune.trials: got '1.5'; it must be a whole number"),
+    (["all", "--tune.trials", "1.5"], "tune.trials: got 1.5; it must be a whole number"),
     (["all", "--train.learning_rate", "fast"], "it must be a number"),
     (["all", "--grid.seeds", "3"], "a list of whole numbers"),
     (["all", "--grid.seeds", "[]"], "at least one value"),
     (["all", "--grid.seeds", "[0, 0]"], "once"),
-    (["all", "--grid.seeds", "[-1]"], "grid.seeds: got -1; it must be at least 0"),
-    (["all", "--collect.rollouts", "-3"], "collect.rollouts: got -3; it must be at least 2"),
-    (["all", "--collect.horizon", "0"], "collect.horizon: got 0; it must be at least 2"),
+    (["all", "--grid.seeds", "[-1]"], "grid.seeds: got -1; it must be between 0 and"),
+    (["all", "--collect.rollouts", "-3"], "collect.rollouts: got -3; it must be between 2 and 10000"),
+    (["all", "--collect.horizon", "0"], "collect.horizon: got 0; it must be between 2 and 10000"),
     (["all", "--collect.horizon", "long"], "a whole number or null"),
     (["all", "--collect.trajectories", "5"], "level high needs at least 2"),
     (["all", "--train.learning_rate", "0"], "train.learning_rate: got 0"),

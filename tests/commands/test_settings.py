@@ -79,7 +79,7 @@ def test_a_change_leaves_the_other_settings() -> None:
 
 
 def test_a_change_that_is_not_allowed() -> None:
-    with pytest.raises(BadInput, match=r"vae.latent_size: got 0; it must be at least 1"):
+    with pytest.raises(BadInput, match=r"vae.latent_size: got 0; it must be between 1 and 1000"):
         change(Config(), ["--vae.latent_size=0"])
     with pytest.raises(BadInput, match=r"did you mean 'vae.latent_size'\?"):
         change(Config(), ["--vae.latent_sise=2"])

@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from study.config.settings import Config, Crps, Ensemble, Mlp, ModelEnsemble, Vae
+from study.config.model_sections import Crps, Mlp, ModelEnsemble, Vae
+from study.config.settings import SECTIONS, Config, Ensemble
 from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
 from study.models import Model
@@ -18,11 +19,13 @@ from study.models.rnn_ensemble import RnnEnsemble
 STATE, ACTION, HORIZON = 3, 2, 6
 MEMBERS = 3
 SMALL = Config(
-    vae=Vae(hidden_size=8, latent_size=4),
-    crps=Crps(hidden_size=8, noise_size=5, persistent_noise_size=2),
-    mlp=Mlp(hidden_size=8, layers=2),
-    model_ensemble=ModelEnsemble(members=MEMBERS),
     ensemble=Ensemble(members=MEMBERS, hidden_size=8),
+    sections={
+        "vae": Vae(hidden_size=8, latent_size=4),
+        "crps": Crps(hidden_size=8, noise_size=5, persistent_noise_size=2),
+        "mlp": Mlp(hidden_size=8, layers=2),
+        "model_ensemble": ModelEnsemble(members=MEMBERS),
+    },
 )
 
 
@@ -46,10 +49,12 @@ def settings(name: str, **changes: Mapping[str, Any]) -> Any:
         name: of the model.
         changes: values of a section, by the name of the section.
     """
-    sections = {
-        section: replace(getattr(SMALL, section), **values) for section, values in changes.items()
+    changed = {
+        section: replace(SMALL.section(section), **values) for section, values in changes.items()
     }
-    return class_of(name).settings_from(replace(SMALL, **sections))
+    core = {section: values for section, values in changed.items() if section in SECTIONS}
+    config = replace(SMALL, **core, sections={**SMALL.sections, **changed})
+    return class_of(name).settings_from(config, name)
 
 
 def ensemble() -> RnnEnsemble:

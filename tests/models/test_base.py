@@ -137,9 +137,9 @@ def test_normalized_units_are_inverted() -> None:
 def test_settings_come_from_the_sections_of_the_configuration() -> None:
     config = Config(train=Train(steps=7))
     for name in models:
-        settings = models[name].settings_from(config)
+        settings = models[name].settings_from(config, name)
         assert settings.train is config.train
-    assert models["full_vae"].settings_from(config).vae is config.vae
+    assert models["full_vae"].settings_from(config).vae is config.section("vae")
 
 
 def test_a_section_that_the_configuration_lacks_is_an_error() -> None:

@@ -12,7 +12,8 @@ from scipy.stats import norm
 from torch import Tensor
 
 from study.config.grid import Cell
-from study.config.settings import Config, Crps, Train
+from study.config.model_sections import Crps
+from study.config.settings import Config, Train
 from study.models.crps import (
     TRAJECTORIES,
     CrpsModel,
@@ -277,7 +278,7 @@ def test_the_training_options_are_those_of_the_section_crps() -> None:
 
 
 def test_the_pipeline_applies_the_training_options() -> None:
-    config = Config(crps=Crps(steps=2505))
+    config = Config(sections={"crps": Crps(steps=2505)})
     of_crps, of_vae = (
         Pipeline(config).train(Cell("pusher", "low", name, 0)).settings["model_settings"]["train"]
         for name in ("full_crps", "full_vae")

@@ -26,7 +26,8 @@ mbrl = pytest.importorskip(
     reason="mbrl is not installed; `python -m tests.benchmarks.with_mbrl` runs this test with it",
     exc_type=ImportError,
 )
-HIDDEN, LAYERS = SMALL.mlp.hidden_size, SMALL.mlp.layers
+MLP = SMALL.section("mlp")
+HIDDEN, LAYERS = MLP.hidden_size, MLP.layers
 
 
 def our_network() -> ProbabilisticMlpEnsemble:

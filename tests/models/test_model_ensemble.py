@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from study.config.grid import Cell
-from study.config.settings import Config, ModelEnsemble, ProbabilisticEnsemble
+from study.config.model_sections import ModelEnsemble, ProbabilisticEnsemble
+from study.config.settings import Config
 from study.models import models
 from study.models.crps import CrpsSettings
 from study.models.full_crps import FullCrps
@@ -189,7 +190,7 @@ def test_members_are_trained_like_a_single_model() -> None:
 def test_a_fit_depends_on_the_sections_of_its_model_alone(
     change: dict[str, Any], dependent: list[str]
 ) -> None:
-    original, changed = Pipeline(Config()), Pipeline(replace(Config(), **change))
+    original, changed = Pipeline(Config()), Pipeline(Config(sections=change))
     cells = [Cell("uav", "low", name, 0) for name in models]
     differing = {
         cell.model for cell in cells if original.train(cell).key != changed.train(cell).key

@@ -44,7 +44,7 @@ def test_an_unknown_cell_names_the_flag_and_the_nearest(tmp_path: Path) -> None:
     [
         ({"format": 0}, r"another version of the study \(its format is 0, this version has 1\)"),
         ({"settings": {"nam": "x"}}, "another version of the study: unknown setting 'nam'"),
-        ({"settings": {"tune": {"trails": 1}}}, "unknown setting 'trails'"),
+        ({"settings": {"tune": {"trails": 1}}}, "unknown setting 'tune.trails'"),
     ],
 )
 def test_another_version(tmp_path: Path, facts: dict[str, object], expected: str) -> None:
