@@ -1,7 +1,7 @@
 """The line of a curve: thick and solid at level low, thin and dashed at level high.
 
-Figures and recordings both follow it. Rerun draws no dashes, so a recording draws a dashed line
-faint.
+Figures and recordings use the same lines. Rerun has no dashed lines, so a recording shows a dashed
+line with less opacity.
 """
 
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from study.config.names import ENSEMBLE, ORACLE
 
 DASHES = (3.0, 1.5)
-"""Lengths of a dash and of a gap, in line widths; the paper's Fig. 3 dashes level high too."""
+"""Lengths of a dash and of a gap, in line widths. The paper's Fig. 3 also dashes level high."""
 _MODEL, _REFERENCE, _HIGH = 1.5, 0.7, 0.6
 
 
 @dataclass(frozen=True)
 class Line:
-    """How a curve is drawn.
+    """The style of a curve.
 
     Attributes:
         width: in points of a figure.
@@ -27,9 +27,9 @@ class Line:
 
 
 def line_of(model: str, level: str) -> Line:
-    """The line of a model at a level; the references, oracle and ensemble, have a thin one.
+    """The line of a model at a level. The lines of the oracle and the ensemble alone are thin.
 
-    The oracle does not depend on the level: its line is solid at both.
+    The oracle does not depend on the level, so its line is solid at both levels.
     """
     width = _REFERENCE if model in (ENSEMBLE, ORACLE) else _MODEL
     if level == "high" and model != ORACLE:

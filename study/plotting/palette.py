@@ -1,7 +1,7 @@
-"""The colours of figures and recordings: one colour for one thing, everywhere.
+"""The colours of figures and recordings. A model or a quantity has the same colour everywhere.
 
-The colours are those of Okabe and Ito (2008) and of Paul Tol. People with any colour vision can
-tell them apart.
+The colours are those of Okabe and Ito (2008) and of Paul Tol. They can be distinguished with any
+colour vision.
 """
 
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ TARGET: Colour = (0, 190, 80, 255)
 ALEATORIC: Colour = (214, 168, 32, 255)
 EPISTEMIC: Colour = (213, 94, 0, 255)
 HIGHLIGHT: Colour = (235, 150, 30, 255)
-"""The one trajectory among many that a view is about."""
+"""The selected trajectory in a view with many."""
 REPLAYED: Colour = (250, 210, 40, 255)
 """The rollout that the bodies of a 3D scene replay; too light for a white ground."""
 REFERENCE: Colour = (140, 140, 140, 160)
@@ -74,9 +74,9 @@ _SERIES = ("blue", "vermilion", "green", "pink", "light blue", "orange")
 
 
 def model_colour_names(models: Iterable[str]) -> dict[str, str]:
-    """The name of each model's colour, of the study's own models and of `models`.
+    """The names of the colours of the study's models and of `models`, by model.
 
-    Models that the study does not know take four further colours in turn, in alphabetical order.
+    Models from plugins take four further colours in turn, in alphabetical order.
     """
     unknown = sorted(set(models) - set(_MODELS))
     return _MODELS | {
@@ -85,7 +85,7 @@ def model_colour_names(models: Iterable[str]) -> dict[str, str]:
 
 
 def model_colours(models: Iterable[str]) -> dict[str, Colour]:
-    """The colour of each model, of the study's own models and of `models`."""
+    """The colours of the study's models and of `models`, by model."""
     return {model: (*_RGB[name], 255) for model, name in model_colour_names(models).items()}
 
 

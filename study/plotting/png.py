@@ -1,4 +1,4 @@
-"""PNG files: small, and the same picture always as the same bytes."""
+"""Small PNG files. The same picture gives the same bytes."""
 
 import io
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 WIDTH = 7.16
-"""Inches: both columns of a two-column paper."""
+"""Width of both columns of a two-column paper, in inches."""
 
 _COLOURS = 256
 
@@ -29,8 +29,9 @@ def save_image(
 
     Args:
         image: the picture.
-        path: the PNG; its folder is made where it is missing.
-        shaded: whether the 256 colours follow the most frequent ones; else rare ones stay too.
+        path: the PNG; its folder is created if it is missing.
+        shaded: whether the 256 colours follow the most frequent ones, as a shaded surface needs.
+            Otherwise rare colours are preserved too.
         texts: text chunks of the PNG, by keyword.
     """
     method = Image.Quantize.MEDIANCUT if shaded else Image.Quantize.MAXCOVERAGE

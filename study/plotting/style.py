@@ -1,4 +1,4 @@
-"""How every figure looks: the same colour for the same model, the same line for the same level."""
+"""The style of all figures: the same colour for a model, and the same line for a level."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,10 +13,10 @@ from study.plotting import lines
 from study.plotting.palette import Colour, model_colours
 
 COLUMN_WIDTH = 3.5
-"""Inches: one column of a two-column paper."""
+"""Width of one column of a two-column paper, in inches."""
 
 LONGEST_LABEL = 18
-"""Characters of a label, of which three stand side by side in a figure's legend."""
+"""Most characters of a label with which a legend has three columns."""
 
 DASHES = (0, lines.DASHES)
 """The dash pattern of high epistemic uncertainty, in Matplotlib's form."""
@@ -55,16 +55,16 @@ def colours(models: Iterable[str]) -> dict[str, str]:
 
 
 COLOURS = colours(())
-"""The hexadecimal colours of the study's own models."""
+"""The hexadecimal colours of the study's models."""
 
 
 def line(model: str, level: str) -> dict[str, Any]:
     """Matplotlib's settings for the curve of a model at a level; see `study.plotting.lines`."""
-    chosen = lines.line_of(model, level)
-    if not chosen.dashed:
-        return {"linestyle": "-", "linewidth": chosen.width}
-    # White gaps: where a dashed line lies on a solid one, a reader sees both.
-    return {"linestyle": DASHES, "linewidth": chosen.width, "gapcolor": "white"}
+    style = lines.line_of(model, level)
+    if not style.dashed:
+        return {"linestyle": "-", "linewidth": style.width}
+    # White gaps make a dashed line visible on top of a solid one.
+    return {"linestyle": DASHES, "linewidth": style.width, "gapcolor": "white"}
 
 
 def columns(handles: Sequence[Artist]) -> int:
@@ -87,7 +87,7 @@ def save(drawing: Figure, stem: Path) -> list[Path]:
     stem.parent.mkdir(parents=True, exist_ok=True)
     png, pdf = stem.with_suffix(".png"), stem.with_suffix(".pdf")
     drawing.savefig(png, metadata={"Software": None})
-    # The layout is done by now; a second one for the PDF would take half of the time.
+    # The PDF has the layout of the PNG. To compute it twice would take half of the time.
     drawing.set_layout_engine("none")
     drawing.savefig(pdf, metadata={"CreationDate": None, "Creator": None, "Producer": None})
     return [png, pdf]

@@ -1,7 +1,7 @@
-"""Where stages run: in this process, or in parallel in worker processes of Dask.
+"""The executors of stages: this process, or parallel worker processes of Dask.
 
-Both are a `concurrent.futures.Executor`, and the scheduler knows nothing else about them. Numbers
-do not depend on the choice: a stage uses `engine.threads` threads in either.
+Both have the interface of `concurrent.futures.Executor`, which is all that the scheduler uses.
+Results do not depend on the engine, since a stage uses `engine.threads` threads in both.
 """
 
 import os
@@ -15,8 +15,8 @@ from study.config.settings import Engine
 
 T = TypeVar("T")
 
-# Environment of the worker processes. Freed memory is kept for the next batch instead of being
-# returned page by page, which glibc's malloc does by default.
+# Environment of the worker processes. By default glibc's malloc returns freed memory to the system
+# page by page, which is slow. With these values the process uses the memory for the next batch.
 MEMORY = {
     "MALLOC_MMAP_MAX_": "0",
     "MALLOC_TRIM_THRESHOLD_": "8589934592",
@@ -38,7 +38,7 @@ class SerialExecutor(Executor):
 
 
 def workers(engine: Engine) -> int:
-    """How many tasks run in parallel."""
+    """The number of tasks that run in parallel."""
     if engine.kind == "serial":
         return 1
     return engine.workers or max(1, cores() // engine.threads)
@@ -52,13 +52,13 @@ def cores() -> int:
 
 
 def quiet_rerun() -> None:
-    """Keep Rerun's own warnings off the terminal."""
+    """Hide Rerun's warnings from the terminal."""
     os.environ.setdefault("RUST_LOG", "error")
 
 
 @contextmanager
 def executor(engine: Engine) -> Iterator[Executor]:
-    """Start the engine; stop it on exit."""
+    """Start the engine, and stop it on exit."""
     quiet_rerun()
     if engine.kind == "serial":
         yield SerialExecutor()
@@ -91,7 +91,7 @@ def executor(engine: Engine) -> Iterator[Executor]:
             n_workers=workers(engine),
             threads_per_worker=1,
             processes=True,
-            # Port 0 is any free port. The default port would be taken by a second study.
+            # Port 0 is any free port. Two studies at the same time cannot share the default port.
             dashboard_address="127.0.0.1:0",
             memory_limit=0,
             silence_logs="CRITICAL",

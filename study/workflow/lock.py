@@ -1,4 +1,4 @@
-"""One run at a time on a results folder. A second run is told who holds the folder."""
+"""Lock a results folder, so that one run at a time writes into it."""
 
 import fcntl
 import json
@@ -20,10 +20,10 @@ LONGEST_WAIT = 0.2
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock `folder`. The operating system releases the lock when the process ends, however it ends.
+    """Lock `folder`. The operating system releases the lock when the process ends or is killed.
 
     Raises:
-        BadInput: another run holds it.
+        BadInput: another run holds the lock; the error names the process.
     """
     holder = folder / ".lock.json"
     lock = FileLock(folder / ".lock")

@@ -1,4 +1,4 @@
-"""What a task costs: wall time, CPU time and peak memory of this process."""
+"""The cost of a task: wall time, CPU time and peak memory of this process."""
 
 import ctypes
 import os
@@ -11,7 +11,7 @@ STATUS, CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Meter:
-    """Measures from its creation on. A process has one at a time."""
+    """Measures from its creation on. Use one at a time, since a process has one peak of memory."""
 
     def __init__(self) -> None:
         _trim_memory()
@@ -26,9 +26,9 @@ class Meter:
             processes that have ended; ``peak_memory`` in bytes, the largest resident set of this
             process, libraries included, where the system reports it.
         """
-        used = {"seconds": time.perf_counter() - self._wall, "cpu_seconds": _cpu() - self._cpu}
+        cost = {"seconds": time.perf_counter() - self._wall, "cpu_seconds": _cpu() - self._cpu}
         peak = _peak() if self._peak else None
-        return used if peak is None else used | {"peak_memory": peak}
+        return cost if peak is None else cost | {"peak_memory": peak}
 
 
 def _cpu() -> float:
@@ -44,10 +44,10 @@ def _trim_memory() -> None:
 
 
 def _reset_peak() -> bool:
-    """Reset the peak of resident memory. Only Linux can.
+    """Reset the peak of resident memory, which only Linux can.
 
     Returns:
-        whether it was reset.
+        whether the peak was reset.
     """
     try:
         CLEAR.write_text("5")

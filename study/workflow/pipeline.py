@@ -149,5 +149,6 @@ class Pipeline:
         self, stage: str, label: str, settings: Any, classes: Sequence[type] = (), **inputs: Task
     ) -> Task:
         """A task that depends on the source of its stage and of registered classes."""
-        source = source_digests((f"study.stages.{stage}", *(registered.__module__ for registered in classes)))
+        modules = (registered.__module__ for registered in classes)
+        source = source_digests((f"study.stages.{stage}", *modules))
         return Task(stage, label, asdict(settings), inputs, source, self.config.plugins)

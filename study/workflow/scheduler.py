@@ -1,7 +1,7 @@
-"""Run tasks, each after its inputs, as many at a time as there are workers.
+"""Run tasks in parallel, every task after its inputs.
 
-Of the tasks that are ready, the one with the longest chain of tasks behind it starts first (list
-scheduling by critical path). Near the end, short chains are left, and the workers stay busy.
+Of the ready tasks, the one with the longest chain of dependent tasks starts first (list scheduling
+by critical path). So only short chains remain near the end, and all workers stay busy.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,16 +25,16 @@ def run_tasks(
     started: Callable[[Task], None],
     ended: Callable[[Outcome], None],
 ) -> dict[Task, str]:
-    """Run tasks. A task whose input failed is not run; the others are.
+    """Run all tasks but those whose inputs failed.
 
     Args:
         tasks: in an order in which every task comes after its inputs.
-        store: their folders.
-        executor: runs them.
-        workers: how many run at a time.
-        threads: CPU threads of each.
-        started: called with a task when it starts.
-        ended: called with its outcome when it ends.
+        store: holds the folders of the tasks.
+        executor: see `study.workflow.engine`.
+        workers: number of tasks that run at a time.
+        threads: CPU threads of a task.
+        started: called with a task when the task starts.
+        ended: called with the outcome of a task when the task ends.
 
     Returns:
         the error, in one line, of every task that failed or was not run.
@@ -45,18 +45,18 @@ def run_tasks(
     unfinished = set(waiting)
     while waiting or running:
         for task in list(waiting):
-            broken = [source for source in task.inputs.values() if source in errors]
-            if broken:
+            failed = [source for source in task.inputs.values() if source in errors]
+            if failed:
                 waiting.remove(task)
                 unfinished.discard(task)
-                errors[task] = f"{NOT_RUN}: {broken[0].name} failed"
+                errors[task] = f"{NOT_RUN}: {failed[0].name} failed"
                 ended(Outcome(task, 0.0, errors[task]))
             elif len(running) < workers and not unfinished.intersection(task.inputs.values()):
                 waiting.remove(task)
                 started(task)
                 running[executor.submit(execute, task, store.root, threads)] = task
-        done, _ = wait(running, return_when=FIRST_COMPLETED)
-        for future in done:
+        completed, _ = wait(running, return_when=FIRST_COMPLETED)
+        for future in completed:
             task = running.pop(future)
             outcome = _outcome(task, future)
             unfinished.discard(task)
@@ -82,7 +82,7 @@ def longest_first(tasks: list[Task]) -> list[Task]:
 
 
 def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
-    """The task's outcome; if its process died, a failure that says so."""
+    """The task's outcome, which is a failure if the worker process died."""
     try:
         return future.result()
     except Exception as error:

@@ -1,13 +1,13 @@
 """The source that a task depends on: a digest of every module that its stage reaches.
 
-The digest of a module is that of its syntax tree without docstrings. Comments, docstrings and
-layout do not change it, and every other edit does: a changed line of arithmetic runs a stage again,
-and a reworded comment does not. Files that a module names and that lie beside it (a C kernel, a
-MuJoCo scene) count without their comments.
+The digest of a module is computed from its syntax tree without docstrings. An edit of comments,
+docstrings or layout does not change the digest; every other edit does, so that the stage runs
+again. Data files in the folder of a module count if the module contains their names (a C kernel, a
+MuJoCo scene). Their comments do not count.
 
-A module reaches what its import statements name, as far as this is a module of the study or of a
-plugin. What a package imports of itself (``from study.models import full_vae``) does not count: the
-registries import every environment and model, and a task depends on its own alone.
+A module reaches the modules that its import statements name, if these belong to the study or to a
+plugin. Imports of a package from itself (``from study.models import full_vae``) do not count, since
+the registries import all environments and models. A task depends on one of each.
 """
 
 import ast
@@ -31,34 +31,34 @@ INSTALLED = tuple(
 
 @cache
 def source_digests(modules: tuple[str, ...]) -> Mapping[str, str]:
-    """The digest of each module in `modules`, and of all modules that they reach, by name.
+    """The digests, by name, of `modules` and of all modules that these reach.
 
     Args:
         modules: dotted names.
     """
-    found: dict[str, str] = {}
+    digests: dict[str, str] = {}
     waiting = list(modules)
     while waiting:
         name = waiting.pop()
         path = _file(name)
-        if name in found or path is None:
+        if name in digests or path is None:
             continue
-        found[name] = _digest(path)
+        digests[name] = _digest(path)
         waiting += _imports(name, path)
-    return dict(sorted(found.items()))
+    return dict(sorted(digests.items()))
 
 
 @cache
 def _file(name: str) -> Path | None:
     """The source file of a module; None if it has none, or is part of an installed package.
 
-    Nothing is imported: to import the package of a module would take seconds.
+    The module is not imported, since the import of its package takes seconds.
     """
-    top, *rest = name.split(".")
+    top, *parts = name.split(".")
     origin = _origin(top)
     if origin is None:
         return None
-    path = origin.parent.joinpath(*rest) if rest else origin
+    path = origin.parent.joinpath(*parts) if parts else origin
     if path.with_suffix(".py").is_file():
         return path.with_suffix(".py")
     return path / "__init__.py" if (path / "__init__.py").is_file() else None
@@ -66,7 +66,7 @@ def _file(name: str) -> Path | None:
 
 @cache
 def _origin(top: str) -> Path | None:
-    """The file of a module that is in no package, or of a package; None if it is installed."""
+    """The file of a top-level module or package; None if it is installed."""
     try:
         spec = find_spec(top)
     except (ImportError, ValueError):
@@ -88,7 +88,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _is_docstring(statement: ast.stmt) -> bool:
-    """Whether a statement is a docstring, of whatever stands before or around it."""
+    """Whether a statement is the docstring of a module, class, function or attribute."""
     return (
         isinstance(statement, ast.Expr)
         and isinstance(statement.value, ast.Constant)
@@ -105,7 +105,7 @@ def _digest(path: Path) -> str:
 
 
 def _data_files(path: Path) -> set[Path]:
-    """The files beside a module whose names it holds as text."""
+    """The data files in a module's folder whose names are string constants of the module."""
     names = {
         node.value
         for node in ast.walk(_tree(path))
@@ -133,7 +133,7 @@ def _imports(name: str, path: Path) -> Iterator[str]:
             if base == name:  # a package that imports its own modules to register them
                 continue
             yield base
-            # What is imported from a package may be a module.
+            # A name that is imported from a package may be a module.
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 

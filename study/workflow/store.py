@@ -1,9 +1,9 @@
-"""Content-addressed folders: what a stage wrote, named by what it was made from.
+"""Content-addressed folders: the output of a stage, in a folder whose name is the task's key.
 
-A task's key is a hash of its settings, its source and the keys of its inputs. A changed setting
-therefore names another folder, and folders of tasks that do not depend on the setting stay valid.
-A folder gets its name only when it is complete: it is renamed into place. Its manifest holds the
-SHA-256 of every file.
+A task's key is a hash of its settings, its source and the keys of its inputs. So a changed setting
+leads to another folder, and folders of tasks that do not depend on the setting stay valid. A stage
+writes into a temporary folder, which gets its final name when it is complete. The manifest of a
+folder holds the SHA-256 of every file.
 """
 
 import json
@@ -17,7 +17,7 @@ from study.common.provenance import MANIFEST
 from study.workflow.task import Task
 
 TIMING = "timing.json"
-"""Wall time and the like. They differ from run to run, so they are not in the manifest."""
+"""Wall time, CPU time and memory. These differ between runs, so the manifest excludes them."""
 
 
 class Store:
@@ -83,7 +83,7 @@ class Store:
         write_json(out / TIMING, timing)
         write_json(out / MANIFEST, manifest)
         target = self.folder(task)
-        if target.exists():  # it was found damaged, else the task would not have run
+        if target.exists():  # a damaged folder; with a complete one the task would not have run
             shutil.rmtree(target)
         out.replace(target)
 
@@ -96,7 +96,7 @@ class Store:
         return f"damaged: {damage}" if damage else None
 
     def timing(self, task: Task) -> dict[str, Any]:
-        """The timing that `finish` was given; empty if there is none."""
+        """The timing that `finish` wrote; empty if the file is missing or damaged."""
         try:
             timing = read_json(self.folder(task) / TIMING)
         except (OSError, ValueError):
@@ -121,22 +121,22 @@ class Store:
 
     def _why_missing(self, task: Task) -> str:
         """Compare with the newest folder of the same stage and label, if there is one."""
-        newest, found = -1.0, None
+        newest, previous = -1.0, None
         for path in (self.root / task.stage).glob(f"*/{MANIFEST}"):
             try:
                 manifest = read_json(path)
                 if manifest["label"] == task.label and path.stat().st_mtime > newest:
-                    newest, found = path.stat().st_mtime, manifest
+                    newest, previous = path.stat().st_mtime, manifest
             except (OSError, ValueError, KeyError, TypeError):
                 continue
-        if found is None:
+        if previous is None:
             return "missing"
-        changes = _differences(found["settings"], _as_json(task))
+        changes = _differences(previous["settings"], _as_json(task))
         if changes:
             return f"config changed: {'; '.join(changes[:3])}{' …' if len(changes) > 3 else ''}"
-        if modules := _changed(found.get("source", {}), task.source):
+        if modules := _changed(previous.get("source", {}), task.source):
             return f"source changed: {', '.join(modules[:3])}{' …' if len(modules) > 3 else ''}"
-        inputs = [n for n, t in task.inputs.items() if found["inputs"].get(n) != t.key]
+        inputs = [n for n, t in task.inputs.items() if previous["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
 
 
@@ -151,7 +151,7 @@ def _as_json(task: Task) -> Any:
 
 
 def _differences(old: Any, new: Any, name: str = "") -> list[str]:
-    """`tune.trials 4 → 6` for each setting that differs."""
+    """A text such as `tune.trials 4 → 6` for each setting that differs."""
     if isinstance(old, dict) and isinstance(new, dict):
         return [
             change

@@ -1,4 +1,4 @@
-"""One run of one stage, and all that it depends on."""
+"""A task: one run of one stage, and its dependencies."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,9 +14,10 @@ class Task:
 
     Attributes:
         stage: name of the stage.
-        label: what it is for, to a reader: `pusher`, `pusher/low/seed-0`, a cell's name.
+        label: the environment, the ensemble or the cell: `pusher`, `pusher/low/seed-0`, or the
+            cell's name.
         settings: JSON of the stage's settings (`study.config.stage_settings`).
-        inputs: earlier tasks, by the name under which the stage asks for their folder.
+        inputs: earlier tasks, by the stage's name for their folder.
         source: digest of every module that the stage reaches, by name (`study.workflow.source`).
         plugins: modules to import first. The key does not depend on them.
     """
@@ -36,7 +37,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        """`train pusher/low/full_vae/seed-0`."""
+        """Stage and label, such as `train pusher/low/full_vae/seed-0`."""
         return f"{self.stage} {self.label}"
 
     def __hash__(self) -> int:

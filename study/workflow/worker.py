@@ -1,4 +1,4 @@
-"""Run one task, in the process that the engine chose, with its log, threads and folder."""
+"""Run one task in this process: its log, its threads and its folder."""
 
 import importlib
 import logging
@@ -98,7 +98,7 @@ def run_stage(task: Task, inputs: Mapping[str, Path], out: Path, progress: Progr
 
 
 def prepare(plugins: tuple[str, ...], threads: int) -> None:
-    """Bring this process into the same state for every task, whatever it ran before.
+    """Put this process into the same state before every task: plugins, threads and seeds.
 
     Args:
         plugins: modules to import.
@@ -110,7 +110,7 @@ def prepare(plugins: tuple[str, ...], threads: int) -> None:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
     torch.use_deterministic_algorithms(True, warn_only=True)
-    # Filling new memory with NaN before it is written costs time.
+    # In deterministic mode torch also fills new memory with NaN, which takes time.
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 - Optuna and Lightning may use the global generator
@@ -124,7 +124,7 @@ def _module(task: Task) -> Stage:
 
 @contextmanager
 def _log_file(path: Path) -> Iterator[TextIO]:
-    """A new log. On a full disk its last lines are lost, and the error of the task is not."""
+    """A new log. An error on closing (a full disk) does not replace the error of the task."""
     file = path.open("w", buffering=1, encoding="utf-8", errors="backslashreplace")
     try:
         yield file
@@ -135,7 +135,7 @@ def _log_file(path: Path) -> Iterator[TextIO]:
 
 @contextmanager
 def _logged(path: Path) -> Iterator[None]:
-    """Write everything that the task prints or logs to the task's own file."""
+    """Write everything that the task prints or logs to the file `path`."""
     with _log_file(path) as file:
         handler = logging.StreamHandler(file)
         handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
