@@ -12,7 +12,7 @@ def add_settings(parser: ArgumentParser) -> None:
     texts = help_texts()
     known = known_settings()
     for name, settings in section_classes().items():
-        summary = (settings.__doc__ or "").strip().partition("\n")[0]
+        summary = (settings.__doc__ or "").strip().partition("\n")[0].rstrip(".")
         group = parser.add_argument_group(f"{name}: {summary}" if name != TOP else summary)
         for key, each in known.items():
             if each.section == name:
@@ -28,8 +28,8 @@ def _allowed(each: Setting) -> str:
         return " or ".join(map(str, choices))
     words = allowed(each.kind).partition(", such as")[0]
     if low is None:
-        return words if high is None else f"{words}, at most {high:g}"
-    return f"{words}, at least {low:g}" if high is None else f"{words}, {low:g} to {high:g}"
+        return words if high is None else f"{words}, at most {high}"
+    return f"{words}, at least {low}" if high is None else f"{words}, {low} to {high}"
 
 
 def _shown(default: Any) -> str:

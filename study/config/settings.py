@@ -27,8 +27,8 @@ class Grid:
             a tenth.
         models: models, by their registered names. `paper` means the paper's three models, `all`
             means these and the models beyond the paper.
-        seeds: each names initial weights, an order of the data, and at level high a tenth of the
-            data: see `study.config.stage_settings.TrainingSet`.
+        seeds: each names initial weights, an order of the data, and its part of the data at a level
+            that has not all of them: see `study.config.stage_settings.TrainingSet`.
     """
 
     environments: tuple[str, ...] = ("pusher", "uav")
@@ -44,7 +44,7 @@ class Collect:
     """The observed data of one environment (stage collect).
 
     Args:
-        trajectories: training trajectories of level low.
+        trajectories: training trajectories, of which each level has a fraction.
         validation: trajectories for early stopping and tuning, the same for every level.
         scenarios: test scenarios (the paper's 250).
         rollouts: observed rollouts K of each test scenario.

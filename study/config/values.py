@@ -33,7 +33,7 @@ def allowed(kind: Any) -> str:
     """What a setting of the type `kind` must be, in words."""
     plain, may_be_none = _without_none(kind)
     if plain == FRACTIONS:
-        return "a list of names, [low, high], or fractions by name, such as {low: 1.0, tiny: 0.01}"
+        return "[low, high] or fractions by name, such as {low: 1.0, tiny: 0.01}"
     words = LISTS[_items(plain)] if _items(plain) else WORDS[plain]
     return f"{words} or null" if may_be_none else words
 
