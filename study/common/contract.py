@@ -125,7 +125,7 @@ def _generators() -> Mapping[str, Any]:
 
 def _copy(value: Any) -> Array | None:
     is_tensor = hasattr(value, "detach")
-    return np.array(value) if isinstance(value, np.ndarray) or is_tensor else None
+    return np.asarray(value).copy() if isinstance(value, np.ndarray) or is_tensor else None
 
 
 def _kind(value: Any) -> str:

@@ -78,6 +78,7 @@ class _Check:
         expect_same(f"{self.name}.rollout", states[:, 0], scenarios.s0, "for s_0 than it was given")
         self.seeds_alone(scenarios, actions, results)
         self.causality(scenarios, actions, states)
+        self.steps(scenarios, actions, states)
         self.outcomes(states, scenarios.goal)
         self.scene(states)
 
@@ -166,13 +167,8 @@ class _Check:
         ):
             for method, values in self.results(rows, scenarios, actions):
                 expect_same(f"{self.name}.{method}", values, results[method][rows], difference)
-        states = results["rollout.states"]
-        episode = self.simulator.start_episode(scenarios.s0, self.seeds, 1)
-        stepped = np.stack([episode.step(actions[:, t]) for t in range(self.sizes[1])], axis=1)
-        subject = f"{self.name}.start_episode"
-        expect_same(subject, stepped, states[:, 1:], "than `rollout` with noise_steps=1")
         others = self.rollout(scenarios.s0, actions, spawn(1, SCENARIOS))
-        if np.array_equal(others.states, states):
+        if np.array_equal(others.states, results["rollout.states"]):
             raise CheckFailed(
                 f"{self.name}.rollout returned the same states for other seeds: "
                 "take the noise of a trajectory from its seed"
@@ -187,6 +183,13 @@ class _Check:
         other = self.rollout(scenarios.s0, changed, self.seeds).states
         difference = f"before step {late} after the actions from there on were changed"
         expect_same(f"{self.name}.rollout", other[:, : late + 1], states[:, : late + 1], difference)
+
+    def steps(self, scenarios: Scenarios, actions: Floats, states: Floats) -> None:
+        """An episode that goes step by step, as in Gymnasium, gives what `rollout` gives."""
+        episode = self.simulator.start_episode(scenarios.s0, self.seeds, 1)
+        stepped = np.stack([episode.step(actions[:, t]) for t in range(self.sizes[1])], axis=1)
+        subject = f"{self.name}.start_episode"
+        expect_same(subject, stepped, states[:, 1:], "than `rollout` with noise_steps=1")
 
     def outcomes(self, states: Floats, goal: Floats) -> None:
         """`position`, `target`, `reached`, `outcome`, `outcomes` and `events`."""
