@@ -8,8 +8,18 @@ from study.config.names import BEYOND, label
 
 NOTHING = "—"
 
+_SPECIAL = str.maketrans(
+    {
+        **{character: f"\\{character}" for character in "%&#$_{}"},
+        "\\": "\\textbackslash{}",
+        "~": "\\textasciitilde{}",
+        "^": "\\textasciicircum{}",
+        "<": "$<$",
+        ">": "$>$",
+        "|": "$|$",
+    }
+)
 _LATEX = (
-    ("%", "\\%"),
     (" \\%", "\\,\\%"),
     (NOTHING, "---"),
     ("−", "$-$"),
@@ -45,7 +55,8 @@ def title(name: str) -> str:
 
 
 def latex(text: str) -> str:
-    """Text with the special characters of tables as LaTeX commands."""
+    """Text as LaTeX: special characters, and the symbols of tables, become commands."""
+    text = text.translate(_SPECIAL)
     for plain, escaped in _LATEX:
         text = text.replace(plain, escaped)
     return text

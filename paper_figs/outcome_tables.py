@@ -4,9 +4,9 @@
 
 One file for each environment, with one table for each level of epistemic uncertainty. Each outcome
 has a block of rows, one for each forecaster and one for the climatology; the goal comes first.
-Skill (`study.metrics.brier.skill`) is that of the plain Brier score: 0 for the climatology, 1 for
-the oracle. Reliability and resolution are terms of the fair Brier score
-(`study.metrics.reliability`).
+The column of scores has the plain Brier score. Skill (`study.metrics.brier.skill`) is that of the
+fair Brier score: 0 for the climatology, 1 for the expected score of the oracle. Reliability and
+resolution are terms of the fair Brier score (`study.metrics.reliability`).
 """
 
 import sys
@@ -19,11 +19,11 @@ import pandas as pd
 
 from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
-from paper_figs.scores import environments, forecasters, levels, read_scores
+from paper_figs.scores import environments, forecasters, levels, read_scores, rollouts
 from study.common.arrays import Doubles
-from study.config.names import ORACLE, label
-from study.metrics.brier import SMALLEST_RANGE, skill
-from study.metrics.intervals import Interval, interval
+from study.config.names import ORACLE, label, markdown
+from study.metrics.brier import SMALLEST_RANGE, brier_oracle, skill
+from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.table import LEVELLESS
 
 GOAL = "all"
@@ -33,7 +33,7 @@ TERMS = ("brier_reliability", "brier_resolution")
 
 @dataclass(frozen=True)
 class Row:
-    """One forecaster; None for missing scores and an undefined skill."""
+    """One forecaster, with its plain score; None for missing scores and an undefined skill."""
 
     model: str
     score: Interval | None
@@ -59,15 +59,17 @@ def plot(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
-    wanted = ["brier", "brier_climatology", "observed_probability", *TERMS]
+    wanted = ["brier", "brier_fair", "brier_climatology", "observed_probability", *TERMS]
     scores = scores[scores["metric"].isin(wanted) & (scores["step"] == -1)]
+    observed = rollouts(results)
     folder = results / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
         of_environment = scores[scores["environment"] == environment]
         tables = {
-            level: blocks(of_environment, environment, level) for level in levels(of_environment)
+            level: blocks(of_environment, environment, level, observed)
+            for level in levels(of_environment)
         }
         with_terms = bool(of_environment["metric"].isin(TERMS).any())
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
@@ -77,17 +79,23 @@ def plot(results: Path) -> list[Path]:
     return written
 
 
-def blocks(scores: pd.DataFrame, environment: str, level: str) -> list[Block]:
+def blocks(scores: pd.DataFrame, environment: str, level: str, observed: int | None) -> list[Block]:
     """The blocks of one environment and level.
 
     In the paper's environments, the paper's models are included with or without scores. Other
     models, the oracle and the ensemble follow.
+
+    Args:
+        scores: of the environment.
+        environment: its name.
+        level: the level.
+        observed: the number of observed rollouts of a scenario. None leaves the skill undefined.
     """
     learned, references = forecasters(scores, environment)
     cells = {model: _cell(scores, level, model) for model in (*learned, *references)}
     names = scores.loc[scores["metric"] == "brier", "dimension"].unique()
     outcomes = [GOAL, *(name for name in names if name != GOAL)]
-    return [_block(cells, name, learned) for name in outcomes]
+    return [_block(cells, name, learned, observed) for name in outcomes]
 
 
 def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
@@ -99,19 +107,21 @@ def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
     return at_level
 
 
-def _block(cells: dict[str, pd.DataFrame], outcome: str, learned: list[str]) -> Block:
+def _block(
+    cells: dict[str, pd.DataFrame], outcome: str, learned: list[str], count: int | None
+) -> Block:
     by_model = {model: _by_scenario(cell, "brier", outcome) for model, cell in cells.items()}
     scores = {model: interval(values) for model, values in by_model.items() if values.size}
     # Observed rollouts are the same for all cells.
     observed = [_by_scenario(cell, "observed_probability", outcome) for cell in cells.values()]
     climatology = [_overall(cell, "brier_climatology", outcome) for cell in cells.values()]
     reference = _first(climatology)
-    oracle = scores[ORACLE].estimate if ORACLE in scores else np.nan
+    oracle = _first(brier_oracle(values, count) for values in observed) if count else np.nan
     rows = tuple(
         Row(
             model,
             scores.get(model),
-            _skill(scores.get(model), oracle, reference),
+            _skill(_mean(_overall(cell, "brier_fair", outcome)), oracle, reference),
             tuple(_mean(_overall(cell, term, outcome)) for term in TERMS),
             model in learned and _is_lowest(model, learned, scores),
         )
@@ -120,8 +130,8 @@ def _block(cells: dict[str, pd.DataFrame], outcome: str, learned: list[str]) -> 
     return Block(outcome, _first(observed), reference, rows)
 
 
-def _skill(score: Interval | None, oracle: float, climatology: float) -> float | None:
-    value = np.nan if score is None else skill(score.estimate, oracle, climatology)
+def _skill(fair: float | None, oracle: float, climatology: float) -> float | None:
+    value = np.nan if fair is None else skill(fair, oracle, climatology)
     return None if np.isnan(value) else value
 
 
@@ -149,7 +159,7 @@ def _overall(cell: pd.DataFrame, metric: str, outcome: str) -> Doubles:
 
 
 def _mean(values: Doubles) -> float | None:
-    return float(values.mean()) if values.size and np.isfinite(values).all() else None
+    return float(values.mean()) if values.size and not np.isnan(values).any() else None
 
 
 def _first(by_cell: Iterable[Doubles]) -> float:
@@ -162,14 +172,14 @@ Tables = dict[str, list[Block]]
 
 def to_markdown(environment: str, tables: Tables, with_terms: bool) -> str:
     """A heading and a pipe table for each level, then notes."""
-    heads = ["Outcome", "Forecaster", "Brier score", "Skill", *_term_heads(with_terms)]
+    heads = ["Outcome", "Forecaster", "Plain Brier score", "Skill", *_term_heads(with_terms)]
     lines = [f"# Forecasts of outcomes, {label(environment)}", ""]
     for level, table in tables.items():
         lines += [f"## {title(level)}", "", f"| {' | '.join(heads)} |"]
         lines.append("|---" * 2 + "|---:" * (len(heads) - 2) + "|")
         for block in table:
             for at, (row, texts) in enumerate(_texts(block, with_terms)):
-                outcome = f"**{_name(block)}**<br>{_base_rate(block)}" if at == 0 else ""
+                outcome = f"**{markdown(_name(block))}**<br>{_base_rate(block)}" if at == 0 else ""
                 if row is not None and row.best:
                     texts[1] = f"**{texts[1]}**"
                 score = " ".join(texts[1:3]).strip()
@@ -180,7 +190,7 @@ def to_markdown(environment: str, tables: Tables, with_terms: bool) -> str:
 
 def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
     """One table for each level, with booktabs."""
-    heads = ["Outcome", "Forecaster", "Brier score", "95\\,\\% interval", "Skill"]
+    heads = ["Outcome", "Forecaster", "Plain Brier score", "95\\,\\% interval", "Skill"]
     heads += _term_heads(with_terms)
     lines = ["% needs \\usepackage{booktabs}"]
     for level, table in tables.items():
@@ -238,10 +248,11 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
     seeds = {row.score.seeds for row in rows if row.score and row.model != ORACLE}
     trained = " to ".join(map(str, sorted(seeds))) or "no"
     notes = [
-        f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; 95 % "
-        f"intervals over {'scenarios only' if seeds == {1} else 'seeds and scenarios'}.",
-        "Brier score: lower is better. Skill: 0 for the climatology (the base rate), 1 for the "
-        f"oracle; — where their scores differ by less than {SMALLEST_RANGE:g}.",
+        f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; in brackets "
+        f"{basis(seeds)}.",
+        "Plain Brier score: lower is better. Skill, of the fair Brier score: 0 for the climatology "
+        "(the base rate), 1 for the expected score of the oracle; — where these two differ by less "
+        f"than {SMALLEST_RANGE:g}.",
         *beyond(row.model for row in rows),
     ]
     if with_terms:

@@ -35,3 +35,11 @@ LABELS = {
 def label(name: str) -> str:
     """The label of a name in text: of a new name, the name without underscores."""
     return LABELS.get(name, name.replace("_", " "))
+
+
+def markdown(text: str) -> str:
+    """Text of a user, such as a unit or the name of an outcome, as a cell of a Markdown table."""
+    escaped = text.replace("&", "&amp;").replace("<", "&lt;")
+    for character in "\\|*`":
+        escaped = escaped.replace(character, f"\\{character}")
+    return " ".join(escaped.split())

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from study.common.arrays import Doubles
+from study.config.names import markdown
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def to_json(variables: Iterable[Variable]) -> list[dict[str, Any]]:
 def variables_table(variables: Iterable[Variable]) -> str:
     """A Markdown table with a row for each variable."""
     rows = (
-        f"| {v.name} | {v.unit} | {v.meaning} | {_number(v.low)} | {_number(v.high)} |"
+        f"| {markdown(v.name)} | {markdown(v.unit)} | {markdown(v.meaning)} "
+        f"| {_number(v.low)} | {_number(v.high)} |"
         for v in variables
     )
     return "\n".join(["| name | unit | meaning | low | high |", "|---|---|---|---|---|", *rows])
@@ -84,7 +86,7 @@ def variables_table(variables: Iterable[Variable]) -> str:
 
 def constants_table(constants: Iterable[Constant]) -> str:
     """A Markdown table with a row for each constant."""
-    rows = (f"| {c.meaning} | {c.value:.4g} | {c.unit} |" for c in constants)
+    rows = (f"| {markdown(c.meaning)} | {c.value:.4g} | {markdown(c.unit)} |" for c in constants)
     return "\n".join(["| constant | value | unit |", "|---|---|---|", *rows])
 
 

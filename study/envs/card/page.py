@@ -9,6 +9,7 @@ import numpy as np
 from study.common.files import write_text
 from study.common.progress import Progress
 from study.common.seeds import derive
+from study.config.names import markdown
 from study.config.settings import Collect
 from study.data.trajectories import ScenarioSet, concatenate
 from study.data.variables import Constant, constants_table, variables_table
@@ -145,7 +146,7 @@ def describe(simulator: Simulator) -> str:
 
 def tables(simulator: Simulator) -> str:
     """The tables of a system's variables and constants, each with a heading."""
-    title = simulator.title
+    title = markdown(simulator.title)
     groups = {
         f"State of the {title}": simulator.state,
         f"Action of the {title}": simulator.action,
@@ -195,8 +196,10 @@ def _section(simulator: Simulator, measured: Facts, seed: int) -> str:
     pictures = _picture_names(simulator)
     filmstrip = pictures.pop("filmstrip", None)
     return SECTION.format(
-        title=simulator.title,
-        filmstrip=FILMSTRIP.format(title=simulator.title, filmstrip=filmstrip) if filmstrip else "",
+        title=markdown(simulator.title),
+        filmstrip=FILMSTRIP.format(title=markdown(simulator.title), filmstrip=filmstrip)
+        if filmstrip
+        else "",
         id=gymnasium_id(type(simulator)),
         description=describe(simulator),
         probabilities="{}, {} and {}".format(*PROBABILITIES),
