@@ -3,9 +3,14 @@
 from dataclasses import dataclass
 
 from study.commands.command import Command, StudyOptions
+from study.common.errors import BadInput
+from study.results import checksums
+from study.results.folder import check_writable
+from study.workflow.lock import locked
 
 DETAILS = """\
-Reads scores.parquet, trials.parquet and illustrations/ of OUT, and trains nothing.
+Reads scores.parquet, trials.parquet and illustrations/ of OUT, and trains nothing. Writes tables/,
+figures/ and their checksums in SHA256SUMS.
 
 examples
   python -m study.run figures
@@ -18,10 +23,31 @@ class Options(StudyOptions):
 
 
 def run(options: Options) -> int:
-    """Write tables and figures, and print their paths."""
-    from study.results.summary import plot
+    """Write tables and figures, and print their paths.
 
-    for path in plot(options.out):
+    Raises:
+        BadInput: there are no scores, or the folder is in use or cannot be written to.
+        StudyError: the scores are damaged.
+    """
+    from study.results import summary
+
+    out = options.out
+    if not (out / summary.SCORES).is_file():
+        raise BadInput(
+            f"--out: {out} has no {summary.SCORES}; run the study: python -m study.run all"
+        )
+    check_writable(out)
+    with locked(out):
+        has_checksums = (out / checksums.NAME).is_file()
+        if has_checksums:
+            for name in (summary.SCORES, summary.TRIALS):
+                checksums.check(out / name, out)
+        try:
+            paths = summary.plot(out)
+        finally:  # if one of them cannot be drawn, the others are written
+            if has_checksums:
+                checksums.renew(out, summary.PLOTTED)
+    for path in paths:
         print(path)
     return 0
 

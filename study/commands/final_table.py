@@ -15,6 +15,7 @@ from study.commands.terminal import say
 from study.common.files import read_json
 from study.config.grid import Cell
 from study.config.settings import Config
+from study.workflow.scheduler import NOT_RUN
 from study.workflow.store import Store
 from study.workflow.task import Task
 
@@ -51,7 +52,7 @@ def print_table(
         oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
         table.add_row(
             cell.name,
-            "failed" if record in errors else _beta(record, store),
+            "failed" if record in errors and brier is None else _beta(record, store),
             number(mmd2, 4),
             number(brier, 3),
             number(_score(scores, oracle, "brier"), 3),
@@ -61,7 +62,7 @@ def print_table(
     for name in ("claims.md", "tables", "figures", "recordings"):
         say(console, f"{name.removesuffix('.md'):11} {out / name}")
     for task, error in errors.items():
-        say(console, f"FAILED {task.name}: {error}  log: {store.log(task)}")
+        say(console, f"FAILED {task.name}: {error}{_log(task, error, store)}")
 
 
 def number(value: float | None, digits: int) -> str:
@@ -69,6 +70,12 @@ def number(value: float | None, digits: int) -> str:
     if value is None:
         return ""
     return f"{value:.{digits}f}" if np.isfinite(value) else str(value)
+
+
+def _log(task: Task, error: str, store: Store) -> str:
+    """Where the log of a failed task is; a task that was not run may have one of an earlier run."""
+    path = store.log(task)
+    return f"  log: {path}" if path.is_file() and not error.startswith(NOT_RUN) else ""
 
 
 def _overall_scores(path: Path) -> Scores:

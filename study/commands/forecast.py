@@ -92,6 +92,8 @@ def run(options: Options) -> int:
         print(options.write)
         return 0
     terminal = console()
+    if changed := results.origin.changed_source([cell]):
+        say(terminal, f"note: {options.out}: {changed}")
     with Bar(terminal) as bar:
         example = forecast(request, plan, bar)
     print_forecast(terminal, request, simulator, example)

@@ -4,15 +4,18 @@ from dataclasses import dataclass
 
 from study.commands.command import Command, StudyOptions
 from study.commands.terminal import console, say
+from study.common.files import why_not_writable
 from study.config.grid import cells, select
-from study.results.folder import check_writable
+from study.results.folder import check_format
+from study.results.protection import why_refused
 from study.results.publish import why_not_published
 from study.workflow.store import Store
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
 Nothing runs and nothing is written. For each stage: up to date, missing, config changed (which
-setting), input changed, or damaged.
+setting), source changed (which module), input changed, or damaged. The last line says whether the
+results would be written, or why not.
 
 examples
   python -m study.run plan --config configs/paper.yaml
@@ -28,7 +31,7 @@ def run(options: Options) -> int:
     """Print one line for each stage, and whether the results would be written."""
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
-    check_writable(out)
+    check_format(out)
     chosen = select(cells(config), options.only)
     records = record_tasks(config, store)
     states = {
@@ -38,9 +41,11 @@ def run(options: Options) -> int:
     for task, why in states.items():
         say(terminal, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]
-    unpublished = why_not_published(config, records, store, out, due)
-    stages = f"{len(due)} of {len(states)} stages to run"
-    say(terminal, f"{stages}; results: {unpublished or 'up to date'}")
+    if refused := why_not_writable(out) or why_refused(config, chosen, store, out):
+        results = f"`all` will refuse to run: {refused}"
+    else:
+        results = why_not_published(config, records, store, out, due) or "up to date"
+    say(terminal, f"{len(due)} of {len(states)} stages to run; results: {results}")
     return 0
 
 

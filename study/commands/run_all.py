@@ -1,17 +1,20 @@
 """Command `all`: run what is not up to date, then publish the results."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from rich.console import Console
 
 from study.commands.command import Command, StudyOptions
 from study.commands.display import run_displayed
 from study.commands.terminal import console, say
+from study.common.errors import BadInput, StudyError
 from study.config.grid import cells, select
-from study.config.settings import Engine
+from study.config.settings import Config, Engine
 from study.results import checksums, timings
 from study.results.folder import check_writable, create
-from study.results.publish import publish
+from study.results.protection import why_refused
+from study.results.publish import Records, publish
 from study.workflow.engine import workers
 from study.workflow.lock import locked
 from study.workflow.store import Store
@@ -47,6 +50,8 @@ def run(options: Options) -> int:
     chosen = select(cells(config), options.only)
     check_writable(out)
     records = record_tasks(config, store)
+    if refused := why_refused(config, chosen, store, out):
+        raise BadInput(f"--out: {refused}; give another --out")
     create(out)
     with locked(out):
         write_cache(config, records, store)
@@ -57,15 +62,44 @@ def run(options: Options) -> int:
             if why.startswith("damaged"):
                 say(terminal, f"{task.name}: {why}; it runs again")
         errors = run_due(list(due), config.engine, store, terminal) if due else {}
-        changed = publish(config, records, store, out)
-        if due or changed:
-            timings.write(topological_order(records.values()), store, config, out)
-            checksums.write(out)
+        problem = None
+        try:
+            changed = _publish(config, records, store, out, bool(due))
+        except StudyError as error:  # a picture could not be drawn; all else is published
+            changed, problem = True, error
         if not due:
             written = "no stage to run, results written again"
             say(terminal, f"{out}: {written if changed else UP_TO_DATE}")
         print_table(terminal, config, records, store, errors, out)
-    return 1 if errors else 0
+        if problem is not None:
+            say(terminal, f"FAILED {problem}")
+    return 1 if errors or problem else 0
+
+
+def _publish(config: Config, records: Records, store: Store, out: Path, has_run: bool) -> bool:
+    """Bring the results up to date, with timings and checksums.
+
+    Returns:
+        whether the files of the results were written.
+
+    Raises:
+        StudyError: results that cannot be made again would be lost, and nothing was written; or
+            a picture could not be drawn, and all else was written.
+    """
+    made = [cell for cell, task in records.items() if store.reason_to_run(task) is None]
+    if refused := why_refused(config, made, store, out):
+        raise StudyError(f"results are not published: {refused}; run the failed stages again")
+    problem = None
+    try:
+        changed = publish(config, records, store, out)
+    except StudyError as error:
+        changed, problem = True, error
+    if has_run or changed:
+        timings.write(topological_order(records.values()), store, config, out)
+        checksums.write(out)
+    if problem is not None:
+        raise problem
+    return changed
 
 
 def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) -> dict[Task, str]:

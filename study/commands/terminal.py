@@ -17,7 +17,7 @@ class _Console(Console):
 
     def on_broken_pipe(self) -> None:
         """Raise the error again."""
-        raise  # noqa: PLE0704 - Rich calls this where it handles the error
+        raise  # Rich calls this where it handles the error
 
 
 def console() -> Console:

@@ -1,4 +1,4 @@
-"""A trained model as one safetensors file: its weights, and what is needed to rebuild it."""
+"""A trained model as one safetensors file: its weights, its settings and its normalisation."""
 
 import json
 from dataclasses import asdict, fields
@@ -14,6 +14,7 @@ from study.config.convert import from_json
 from study.data.normalization import Normalization
 from study.models import Model, models
 from study.models.rnn_ensemble import RnnEnsemble
+from study.models.runtime import runtime
 
 ENSEMBLE = "ensemble"
 """The name of the `RnnEnsemble`, which is not among the registered models."""
@@ -73,6 +74,8 @@ def fitted_ensemble(model: Model[Any]) -> RnnEnsemble | None:
 def save_model(model: Model[Any], name: str, path: Path, beta: float | None = None) -> None:
     """Write a model. The file is self-contained: it also holds the ensemble of a residual model.
 
+    With the weights go the versions, the device, the compiler and the threads of this process.
+
     Args:
         model: the model.
         name: see `class_of`.
@@ -85,6 +88,7 @@ def save_model(model: Model[Any], name: str, path: Path, beta: float | None = No
         "settings": asdict(model.settings),
         "beta": beta,
         "ensemble_settings": None if ensemble is None else asdict(ensemble.settings),
+        "runtime": runtime(),
     }
     tensors = {key: value.contiguous().cpu() for key, value in model.state_dict().items()}
     save_file(tensors, path, {"facts": json.dumps(facts, sort_keys=True)})

@@ -3,10 +3,12 @@
 A run writes it last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
 """
 
+from collections.abc import Collection
 from pathlib import Path
 
 from study.common.errors import StudyError
 from study.common.files import read_checksums, sha256, write_checksums
+from study.common.read_back import read_back
 from study.results.folder import RUN_AGAIN
 
 NAME = "SHA256SUMS"
@@ -23,8 +25,27 @@ FOLDERS = ("figures", "illustrations", "recordings", "tables", "weights")
 
 
 def write(out: Path) -> None:
-    """Write the checksums of all files of the study; the same files give the same bytes."""
-    write_checksums(out / NAME, {name: sha256(out / name) for name in present(out)})
+    """Write the checksums of all files of the study; the same files give the same bytes.
+
+    Raises:
+        StudyError: a file cannot be read back.
+    """
+    names = present(out)
+    for name in names:
+        read_back(out / name)
+    write_checksums(out / NAME, {name: sha256(out / name) for name in names})
+
+
+def renew(out: Path, folders: Collection[str]) -> None:
+    """Write new checksums of the files in some folders; those of other files stay as they are."""
+    checksums = {
+        name: value for name, value in read(out).items() if name.split("/")[0] not in folders
+    }
+    for name in present(out):
+        if name.split("/")[0] in folders:
+            read_back(out / name)
+            checksums[name] = sha256(out / name)
+    write_checksums(out / NAME, dict(sorted(checksums.items())))
 
 
 def read(out: Path) -> dict[str, str]:

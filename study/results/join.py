@@ -16,7 +16,7 @@ from study.common.errors import BadInput, StudyError
 from study.common.files import copy, read_json
 from study.config.grid import Cell, cells
 from study.config.settings import Config
-from study.results import checksums, summary, timings
+from study.results import checksums, origin, summary, timings
 from study.results.folder import (
     STUDY,
     STUDY_RECORDING,
@@ -75,7 +75,8 @@ def _joined_config(parts: Sequence[Results]) -> Config:
 def _different_settings(one: Results, other: Results) -> list[str]:
     """The settings and versions in which two studies differ, except their seeds and names."""
     first, second = (
-        _flat(settings_of(part.config) | {"versions": part.versions}) for part in (one, other)
+        _flat(settings_of(part.config) | {"versions": dict(part.origin.versions)})
+        for part in (one, other)
     )
     names = (first.keys() | second.keys()) - {"grid.seeds", "name"}
     return [name for name in sorted(names) if first.get(name) != second.get(name)]
@@ -99,20 +100,25 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
             for path in sorted((part.out / folder).rglob("*")):
                 if path.is_file() and not path.name.startswith(of_study.name):
                     copy(path, out / path.relative_to(part.out))
-    grid = cells(config)
-    summary.write(
-        summary.Summary(
-            config,
-            [cell for cell in grid if cell in complete],
-            [cell.name for cell in grid if cell.name in failed],
-            _read_rows(parts, summary.SCORES, grid),
-            _read_rows(parts, summary.TRIALS, grid),
-            parts[0].versions,
-        ),
-        out,
-    )
+    grid, problem = cells(config), None
+    try:
+        summary.write(
+            summary.Summary(
+                config,
+                [cell for cell in grid if cell in complete],
+                [cell.name for cell in grid if cell.name in failed],
+                _read_rows(parts, summary.SCORES, grid),
+                _read_rows(parts, summary.TRIALS, grid),
+                origin.join(part.origin for part in parts),
+            ),
+            out,
+        )
+    except StudyError as error:  # a picture could not be drawn; all else is written
+        problem = error
     timings.join([part.out for part in parts], out)
     checksums.write(out)
+    if problem is not None:
+        raise problem
 
 
 def _read_rows(parts: Sequence[Results], name: str, grid: Sequence[Cell]) -> pd.DataFrame:

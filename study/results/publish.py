@@ -14,14 +14,15 @@ from study.config.settings import Config
 from study.recording.integrity import checksum_path
 from study.results import checksums
 from study.results.folder import FORMAT, STUDY_RECORDING, settings_of
+from study.results.origin import of_tasks, to_json
+from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
+from study.workflow.task_cache import topological_order
 
 Records = Mapping[Cell, Task]
 """The last task of every cell of the grid."""
 
-SUMMARY_VERSION = 5
-"""Raise it whenever the code changes what the summary holds. It is then written again."""
 CELL_FOLDERS = ("recordings", "weights", "illustrations")
 """Folders with files of single cells, and the recording of the whole study."""
 
@@ -31,16 +32,20 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
 
     Args:
         config: settings of the study.
-        records: the last task of every cell. Cells whose last task is not complete are left out.
+        records: the last task of every cell. A cell is left out if its last task is not complete,
+            unless it is scored and only its recordings failed.
         store: the folders of the tasks.
         out: the results folder.
 
     Returns:
         whether anything was written.
+
+    Raises:
+        StudyError: a figure could not be drawn. All other files are written.
     """
     from study.results import summary
 
-    complete = {cell: task for cell, task in records.items() if store.reason_to_run(task) is None}
+    complete = _published(records, store)
     if not complete:
         return False
     files = _cell_files(config, complete, store, out)
@@ -53,7 +58,7 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
             copy(source, target)
             changed = True
     failed = _failed(records, store)
-    inputs = _inputs(config, complete, failed)
+    inputs = _inputs(config, complete, failed, store)
     if changed or _why_not_current(out, inputs):
         summary.write(summary.collect(config, complete, failed, store), out)
         write_json(_inputs_path(out), {"inputs": inputs})
@@ -65,31 +70,50 @@ def why_not_published(
     config: Config, records: Records, store: Store, out: Path, due: Collection[Task]
 ) -> str | None:
     """Why `publish` would write something after the tasks `due` have run; None if it would not."""
-    complete = {
-        cell: task
-        for cell, task in records.items()
-        if task in due or store.reason_to_run(task) is None
-    }
+    complete = _published(records, store, due)
     failed = [] if due else _failed(records, store)
-    why = _why_not_current(out, _inputs(config, complete, failed))
+    why = _why_not_current(out, _inputs(config, complete, failed, store))
     return why or ("input changed" if due else None)
 
 
+def _published(records: Records, store: Store, due: Collection[Task] = ()) -> Records:
+    """The cells with results, after the tasks `due` have run.
+
+    A recording that cannot be drawn keeps no scores back.
+    """
+
+    def is_scored(task: Task) -> bool:
+        return store.reason_to_run(task.inputs["evaluation"]) is None and _fails(task, store)
+
+    return {
+        cell: task
+        for cell, task in records.items()
+        if task in due or store.reason_to_run(task) is None or is_scored(task)
+    }
+
+
 def _failed(records: Records, store: Store) -> list[str]:
-    """Names of the cells that have no results since one of their stages failed."""
-
-    def fails(task: Task) -> bool:
-        if store.reason_to_run(task) is None:
-            return False
-        return store.failure(task).exists() or any(map(fails, task.inputs.values()))
-
-    return [cell.name for cell, task in records.items() if fails(task)]
+    """Names of the cells that have no scores since one of their stages failed."""
+    return [
+        cell.name
+        for cell, task in records.items()
+        if _fails(task, store) and _fails(task.inputs["evaluation"], store)
+    ]
 
 
-def _inputs(config: Config, complete: Records, failed: list[str]) -> str:
+def _fails(task: Task, store: Store) -> bool:
+    """Whether a task is not complete since it, or a task before it, failed."""
+    if store.reason_to_run(task) is None:
+        return False
+    return store.failure(task).exists() or any(_fails(t, store) for t in task.inputs.values())
+
+
+def _inputs(config: Config, complete: Records, failed: list[str], store: Store) -> str:
     """Hash of all that the summary depends on."""
     cells = {cell.name: task.key for cell, task in complete.items()}
-    return digest([FORMAT, SUMMARY_VERSION, __version__, settings_of(config), cells, failed])
+    source = dict(source_digests(("study.results.summary",)))
+    origin = to_json(of_tasks(topological_order(complete.values()), store))
+    return digest([FORMAT, __version__, source, origin, settings_of(config), cells, failed])
 
 
 def _inputs_path(out: Path) -> Path:
@@ -142,4 +166,7 @@ def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     ]
     for path in others:
         path.unlink()
+        for folder in path.relative_to(out).parents[:-2]:  # all but `recordings` and the like
+            if not any((out / folder).iterdir()):
+                (out / folder).rmdir()
     return bool(others)

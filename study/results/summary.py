@@ -18,16 +18,22 @@ import pandas as pd
 from study import __version__
 from study.claims import report
 from study.claims.judge import judge
+from study.common.errors import StudyError
 from study.common.files import read_json, replacing, write_json, write_text
-from study.common.provenance import made_with, versions
+from study.common.plugins import reason
+from study.common.provenance import made_with
 from study.config.grid import Cell
 from study.config.settings import Config
 from study.results.folder import FORMAT, STUDY, STUDY_RECORDING, settings_of
+from study.results.origin import Origin, of_tasks, to_json
 from study.workflow.store import Store
 from study.workflow.task import Task
+from study.workflow.task_cache import topological_order
 
 SCORES, TRIALS = "scores.parquet", "trials.parquet"
 CLAIMS, VERDICTS = "claims.json", "claims.md"
+PLOTTED = ("tables", "figures")
+"""Folders of what is plotted from the scores."""
 DOCUMENTS = {
     "Brier scores": "tables/brier_*.md",
     "Claims": VERDICTS,
@@ -46,7 +52,7 @@ class Summary:
         failed: names of the cells that have none since a stage failed.
         scores: of the complete cells, in their order, to single precision.
         trials: of the searches for β of the complete cells.
-        versions: of Python and of the packages that made the results, by name.
+        origin: with what the results were made.
     """
 
     config: Config
@@ -54,7 +60,7 @@ class Summary:
     failed: Sequence[str]
     scores: pd.DataFrame
     trials: pd.DataFrame
-    versions: Mapping[str, str]
+    origin: Origin
 
 
 def collect(
@@ -75,7 +81,8 @@ def collect(
     scores = pd.concat(tables, ignore_index=True)
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
     scores = single_precision(scores[[*columns, "value"]])
-    return Summary(config, list(complete), failed, scores, _trials(complete, store), versions())
+    origin = of_tasks(topological_order(complete.values()), store)
+    return Summary(config, list(complete), failed, scores, _trials(complete, store), origin)
 
 
 def single_precision(scores: pd.DataFrame) -> pd.DataFrame:
@@ -87,7 +94,12 @@ def single_precision(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def write(summary: Summary, out: Path) -> None:
-    """Write all files about the whole study. The recordings of the cells must be in `out`."""
+    """Write all files about the whole study. The recordings of the cells must be in `out`.
+
+    Raises:
+        StudyError: a figure or the recording of the study could not be drawn. All other files are
+            written, the scores among them.
+    """
     _write_parquet(summary.scores, out / SCORES)
     _write_parquet(summary.trials, out / TRIALS)
     write_claims(summary.scores, out)
@@ -99,13 +111,21 @@ def write(summary: Summary, out: Path) -> None:
             "settings": settings_of(summary.config),
             "cells": [cell.name for cell in summary.complete],
             "failed": summary.failed,
-            "versions": summary.versions,
+            **to_json(summary.origin),
         },
     )
-    for folder in ("tables", "figures"):
+    for folder in PLOTTED:
         shutil.rmtree(out / folder, ignore_errors=True)
-    plot(out)
-    _record(summary, out)
+    problems = []
+    for draw in (lambda: plot(out), lambda: _record(summary, out)):
+        try:
+            draw()
+        except OSError:
+            raise
+        except Exception as error:
+            problems.append(str(error) if isinstance(error, StudyError) else reason(error))
+    if problems:
+        raise StudyError("; ".join(problems))
 
 
 def write_claims(scores: pd.DataFrame, out: Path) -> None:
@@ -116,14 +136,19 @@ def write_claims(scores: pd.DataFrame, out: Path) -> None:
 
 
 def plot(out: Path) -> list[Path]:
-    """Write every table and figure, from the scores in `out` alone.
+    """Write every table and figure, from the scores in `out` alone, and remove all others.
 
     Returns:
         their paths.
     """
     from paper_figs import all as scripts
 
-    return scripts.plot(out)
+    paths = scripts.plot(out)
+    for folder in PLOTTED:
+        for path in (out / folder).glob("*"):
+            if path not in paths:
+                path.unlink()
+    return paths
 
 
 def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
@@ -164,6 +189,7 @@ def _record(summary: Summary, out: Path) -> None:
         "study": summary.config.name,
         "seeds": ", ".join(map(str, summary.config.grid.seeds)),
         **made_with(),
+        "versions": json.dumps(summary.origin.versions, sort_keys=True),
         "config": json.dumps(settings_of(summary.config), sort_keys=True),
     }
     documents = {

@@ -22,6 +22,7 @@ from study.common.errors import StudyError
 from study.common.files import read_json, same_bytes
 from study.common.progress import Progress
 from study.common.provenance import versions
+from study.common.read_back import why_incomplete
 from study.config.grid import Cell
 from study.recording import integrity
 from study.results import checksums, summary
@@ -68,10 +69,12 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
     yield from check_summary(results, problems, progress.part(0.05, 0.4 if rerun else 1.0))
     if rerun is not None:
         yield check_scores(results, rerun, progress.part(0.4, 1.0))
+    if changed := results.origin.changed_source([rerun] if rerun else results.complete):
+        yield Check("source", True, changed)
     installed = versions()
     others = [
         f"{name} {version} (installed: {installed.get(name)})"
-        for name, version in results.versions.items()
+        for name, version in results.origin.versions.items()
         if installed.get(name) != version
     ]
     if others:
@@ -83,6 +86,12 @@ def check_files(results: Results, problems: list[str]) -> Iterator[Check]:
     """Every file against ``SHA256SUMS``; `problems` are from `checksums.problems`."""
     if not problems:
         count = len(checksums.read(results.out))
+        problems = [
+            f"cut off before its checksum was made: {results.out / name} ({problem})"
+            for name in checksums.present(results.out)
+            if (problem := why_incomplete(results.out / name)) is not None
+        ]
+    if not problems:
         yield Check("files", True, f"{count} files match {checksums.NAME}")
     for problem in problems:
         yield Check("files", False, f"{problem}; {REMEDY}")

@@ -14,6 +14,7 @@ from typing import Any
 
 from study.common.files import read_json, sha256, write_json
 from study.common.provenance import MANIFEST
+from study.common.read_back import read_back
 from study.workflow.task import Task
 
 TIMING = "timing.json"
@@ -63,14 +64,25 @@ class Store:
         out.mkdir(parents=True, exist_ok=True)
         return out
 
-    def finish(self, task: Task, timing: dict[str, Any]) -> None:
-        """Complete the folder: write checksums and manifest, and rename it into place."""
+    def finish(
+        self, task: Task, timing: Mapping[str, Any], runtime: Mapping[str, Any] | None = None
+    ) -> None:
+        """Complete the folder: write checksums and manifest, and rename it into place.
+
+        Args:
+            task: the task.
+            timing: what it cost; differs from run to run.
+            runtime: with what it was computed (`study.models.runtime`), for the manifest.
+
+        Raises:
+            StudyError: a file cannot be read back.
+        """
         out = self.partial(task)
-        files = {
-            str(path.relative_to(out)): sha256(path)
-            for path in sorted(out.rglob("*"))
-            if path.is_file() and path.name not in (MANIFEST, TIMING)
-        }
+        files = {}
+        for path in sorted(out.rglob("*")):
+            if path.is_file() and path.name not in (MANIFEST, TIMING):
+                read_back(path)
+                files[str(path.relative_to(out))] = sha256(path)
         manifest = {
             "stage": task.stage,
             "label": task.label,
@@ -79,6 +91,7 @@ class Store:
             "settings": dict(task.settings),
             "inputs": {name: source.key for name, source in task.inputs.items()},
             "files": files,
+            "runtime": dict(runtime or {}),
         }
         write_json(out / TIMING, timing)
         write_json(out / MANIFEST, manifest)

@@ -81,7 +81,8 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
             check_classes(task, inputs)
             run_stage(task, inputs, out, progress)
             began_at = began.isoformat(timespec="milliseconds")
-            store.finish(task, {"began": began_at, "threads": threads} | meter.read())
+            timing = {"began": began_at, "threads": threads} | meter.read()
+            store.finish(task, timing, _runtime())
         except Exception as problem:
             with suppress(OSError):  # the disk may be full
                 traceback.print_exc()
@@ -115,6 +116,12 @@ def prepare(plugins: tuple[str, ...], threads: int) -> None:
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 - Optuna and Lightning may use the global generator
     torch.manual_seed(0)
+
+
+def _runtime() -> Mapping[str, Any]:
+    from study.models.runtime import runtime  # torch takes seconds to import
+
+    return runtime()
 
 
 def _module(task: Task) -> Stage:

@@ -1,0 +1,122 @@
+"""With what the results of a study were made: versions, device, compiler, threads and source.
+
+Each stage notes these in its manifest, and ``study.json`` collects them. So they are those of the
+process that computed the numbers, whatever is installed when the results are published or read.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from study.common.files import read_json
+from study.common.provenance import MANIFEST
+from study.config.grid import Cell
+from study.workflow.source import source_digests
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+SEPARATOR = "; "
+"""Between values, if not all stages have the same."""
+DIGITS = 16
+"""Of the digest of a module that are kept."""
+NAMED = 3
+"""Modules that an error names, at most."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """With what results were made. Values that differ between stages stand side by side.
+
+    Attributes:
+        versions: of Python and of packages, by name.
+        device: processor, and GPU if one was used.
+        compiler: of the recurrent networks.
+        threads: of each stage.
+        source: digest of every module that a stage reached, by name (`study.workflow.source`).
+    """
+
+    versions: Mapping[str, str]
+    device: str = ""
+    compiler: str = ""
+    threads: str = ""
+    source: Mapping[str, str] = field(default_factory=dict)
+
+    def changed_source(self, cells: Iterable[Cell]) -> str | None:
+        """What is to be said of source that is not that of the results; None if it is the same.
+
+        Args:
+            cells: the cells whose environments and models count.
+        """
+        from study.envs import simulators  # torch takes seconds to import
+        from study.models.checkpoints import class_of
+
+        if not self.source:
+            return "it is unknown with which source of environments and models these were made"
+        own: list[str] = []
+        for cell in cells:
+            own.append(simulators[cell.environment].__module__)
+            if cell.model != "oracle":
+                own.append(class_of(cell.model).__module__)
+        own = list(dict.fromkeys(own))
+        now = source_digests(tuple(own))
+        changed = [name for name in now if self.source.get(name) != now[name][:DIGITS]]
+        if not changed:
+            return None
+        changed.sort(key=lambda name: (name not in own, name))  # environments and models first
+        names = ", ".join(changed[:NAMED]) + " …" * (len(changed) > NAMED)
+        return f"the source has changed since these were made: {names}; scores may differ"
+
+
+def of_tasks(tasks: Iterable[Task], store: Store) -> Origin:
+    """The origin of results, from the manifests of the tasks that made them."""
+    parts = []
+    for task in tasks:
+        try:
+            runtime = dict(read_json(store.folder(task) / MANIFEST)["runtime"])
+        except (OSError, ValueError, KeyError, TypeError):  # missing or damaged: it runs again
+            continue
+        source = {name: digest[:DIGITS] for name, digest in task.source.items()}
+        parts.append(from_json({"versions": {}} | runtime | {"source": source}))
+    return join(parts)
+
+
+def join(parts: Iterable[Origin]) -> Origin:
+    """The origin of results that were made apart."""
+    parts = list(parts)
+
+    def merged(values: Iterable[str]) -> str:
+        return SEPARATOR.join(sorted({value for value in values if value}))
+
+    def merged_mapping(mappings: Iterable[Mapping[str, str]]) -> dict[str, str]:
+        mappings = list(mappings)
+        names = sorted({name for mapping in mappings for name in mapping})
+        return {name: merged(mapping.get(name, "") for mapping in mappings) for name in names}
+
+    return Origin(
+        merged_mapping(part.versions for part in parts),
+        merged(part.device for part in parts),
+        merged(part.compiler for part in parts),
+        merged(part.threads for part in parts),
+        merged_mapping(part.source for part in parts),
+    )
+
+
+def to_json(origin: Origin) -> dict[str, Any]:
+    """The entries of ``study.json``."""
+    return asdict(origin)
+
+
+def from_json(facts: Mapping[str, Any]) -> Origin:
+    """What `to_json` gave; earlier versions of the study have versions alone.
+
+    Raises:
+        KeyError: there are no versions.
+    """
+    device, compiler, threads = (
+        str(facts.get(name, "")) for name in ("device", "compiler", "threads")
+    )
+    versions, source = (
+        {str(name): str(value) for name, value in mapping.items()}
+        for mapping in (facts["versions"], facts.get("source", {}))
+    )
+    return Origin(versions, device, compiler, threads, source)

@@ -1,0 +1,112 @@
+"""What a run must not destroy: results that neither it nor ``work/`` can make again.
+
+A results folder that was copied or joined has no ``work/``. A run of some of its cells, or with
+other settings, would replace its scores, weights and recordings for good, so it is refused.
+"""
+
+import json
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from study.common.files import read_json
+from study.common.provenance import MANIFEST
+from study.config.grid import Cell
+from study.config.settings import Config
+from study.results.folder import STUDY, settings_of
+from study.workflow.store import Store
+
+NAMED = 6
+"""Cells that an error names, at most."""
+PATTERNS = ("weights/*/*/*/seed-*.safetensors", "recordings/*/*/*/seed-*")
+"""Where a results folder has files of a cell."""
+WITHOUT_EFFECT = ("name", "plugins", "ablations", "publish.")
+"""Settings, and beginnings of settings, on which the numbers of a cell do not depend."""
+OF_SOME_CELLS = ("grid.", "model.")
+"""Beginnings of settings that other cells than those of a study may have."""
+
+
+def why_refused(config: Config, made: Collection[Cell], store: Store, out: Path) -> str | None:
+    """Why a run must not publish its results in a folder; None if it may.
+
+    Args:
+        config: settings of the run.
+        made: the cells that the run computes, or has computed.
+        store: the folders of the tasks. A cell that was evaluated there can be published again.
+        out: the results folder.
+    """
+    evaluated = _evaluated(store)
+    lost = {name for name in _published(out) if _label(name) not in evaluated}
+    if not lost:
+        return None
+    differing = _different_settings(config, out)
+    if not differing:
+        lost -= {cell.name for cell in made}
+    if not lost:
+        return None
+    names = ", ".join(sorted(lost)[:NAMED])
+    if len(lost) > NAMED:
+        names += f" and {len(lost) - NAMED} more"
+    reason = f" (settings differ: {', '.join(differing[:NAMED])})" if differing else ""
+    return f"the results of {names} would be lost, since {out} has no work/ of them{reason}"
+
+
+def _published(out: Path) -> set[str]:
+    """Names of the cells that have results in a folder, by its ``study.json`` and its files."""
+    paths = [path for pattern in PATTERNS for path in out.glob(pattern)]
+    names = {"/".join(path.with_suffix("").relative_to(out).parts[1:]) for path in paths}
+    facts = _study(out)
+    return names | {str(name) for name in facts.get("cells", [])}
+
+
+def _evaluated(store: Store) -> set[str]:
+    """The labels of the tasks `evaluate` in the store, of any settings."""
+    labels = set()
+    for path in (store.root / "evaluate").glob(f"*/{MANIFEST}"):
+        try:
+            labels.add(str(read_json(path)["label"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return labels
+
+
+def _label(name: str) -> str:
+    """The label of the task `evaluate` of a cell: levels and seeds share that of the oracle."""
+    environment, *_ = parts = name.split("/")
+    return f"{environment}/oracle" if "oracle" in parts else name
+
+
+def _different_settings(config: Config, out: Path) -> list[str]:
+    """The settings on which numbers depend and that are not those of the results in a folder."""
+    old = _flat(_study(out).get("settings", {}))
+    new = _flat(json.loads(json.dumps(settings_of(config))))
+    return [
+        name
+        for name in sorted(old.keys() | new.keys())
+        if not name.startswith(WITHOUT_EFFECT)
+        and old.get(name) != new.get(name)
+        and not (name.startswith(OF_SOME_CELLS) and _only_other_cells(name, old, new))
+    ]
+
+
+def _only_other_cells(name: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    """Whether a setting says which cells there are, or is of cells that one study lacks."""
+    return not name.startswith(("grid.levels.", "model.")) or name not in old or name not in new
+
+
+def _study(out: Path) -> dict[str, Any]:
+    """The content of ``study.json``; empty if there is none, or none that can be read."""
+    try:
+        facts = read_json(out / STUDY)
+    except (OSError, ValueError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings by dotted name."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return flat
