@@ -6,6 +6,7 @@ from pathlib import Path
 
 from study.common.errors import StudyError
 from study.common.files import read_checksums, replacing, sha256, write_checksums
+from study.common.read_back import read_back, why_incomplete
 
 
 def checksum_path(path: Path) -> Path:
@@ -19,9 +20,13 @@ def writing(path: Path) -> Iterator[Path]:
 
     If the block raises, the old recording stays. A process that is killed before the checksum is
     written leaves a recording that `check` reports as damaged, so that the study makes it again.
+
+    Raises:
+        StudyError: what was written cannot be read back.
     """
-    with replacing(path, sync=True) as temporary:
+    with replacing(path) as temporary:
         yield temporary
+        read_back(temporary, path)
     write_checksums(checksum_path(path), {path.name: sha256(path)})
 
 
@@ -45,7 +50,8 @@ def check(path: Path) -> None:
     """Compare a recording with its checksum.
 
     Raises:
-        StudyError: the recording or its checksum is missing or empty, or the two do not match.
+        StudyError: the recording or its checksum is missing or empty, the two do not match, or the
+            recording was cut off before its checksum was made.
     """
     path = Path(path)
     if not path.is_file():
@@ -56,3 +62,5 @@ def check(path: Path) -> None:
         raise StudyError(
             f"recording {path} is damaged: its bytes do not match {checksum_path(path).name}"
         )
+    if (problem := why_incomplete(path)) is not None:
+        raise StudyError(f"recording {path} is damaged, though its checksum matches: {problem}")

@@ -6,6 +6,7 @@ No global state of Rerun is used, so several recordings can be open at once.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from struct import calcsize, unpack_from
 
 import numpy as np
 import rerun as rr
@@ -16,6 +17,11 @@ from study.common.arrays import Array, Doubles
 from study.plotting.palette import Colour
 from study.recording.integrity import writing
 from study.recording.properties import Properties, write_properties
+
+HEADER = 12
+"""Length of the header of a recording, in bytes."""
+INDEX = 0
+"""The kind of the message that is the index."""
 
 
 def application_id(kind: str, properties: Properties) -> str:
@@ -40,23 +46,6 @@ def _subject(properties: Properties) -> str:
     return str(next(names, ""))
 
 
-def open_stream(path: Path, application: str, footer: bool = True) -> rr.RecordingStream:
-    """A new stream into the file `path`.
-
-    Args:
-        path: the file.
-        application: Rerun's application id.
-        footer: whether to write an index, with which a reader loads a part of a large file. It
-            takes about a kilobyte for each entity.
-    """
-    stream = rr.RecordingStream(application, send_properties=True)
-    # Each row names its timeline, so Rerun's own timelines are not needed.
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    stream.save(path, write_footer=footer)
-    return stream
-
-
 @contextmanager
 def recording(
     path: Path,
@@ -65,15 +54,50 @@ def recording(
     blueprint: rrb.Blueprint,
     footer: bool = True,
 ) -> Iterator[rr.RecordingStream]:
-    """Write the recording `path`: it appears, with its checksum, when the block has succeeded."""
+    """Write the recording `path`: it appears, with its checksum, when the block has succeeded.
+
+    Args:
+        path: the file.
+        kind: see `application_id`.
+        properties: of the recording.
+        blueprint: what the viewer shows.
+        footer: whether to write an index, with which a reader loads a part of a large file. It
+            takes about a kilobyte for each entity.
+
+    Raises:
+        OSError: the recording cannot be written.
+        StudyError: what was written cannot be read back.
+    """
+    stream = rr.RecordingStream(application_id(kind, properties), send_properties=True)
+    # Each row names its timeline, so Rerun's own timelines are not needed.
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    # Rerun's own writer of files says nothing when it fails, or waits for ever.
+    memory = stream.binary_stream()
+    try:
+        stream.send_blueprint(blueprint)
+        write_properties(stream, recording_name(kind, properties), properties)
+        yield stream
+        content = memory.read() or b""
+    finally:
+        stream.disconnect()
     with writing(Path(path)) as temporary:
-        stream = open_stream(temporary, application_id(kind, properties), footer)
-        try:
-            stream.send_blueprint(blueprint)
-            write_properties(stream, recording_name(kind, properties), properties)
-            yield stream
-        finally:
-            stream.disconnect()
+        temporary.write_bytes(content if footer else _without_footer(content))
+
+
+def _without_footer(content: bytes) -> bytes:
+    """A recording without its last message, the index.
+
+    A recording is a header, then messages: a kind, a length, and so many bytes. The index is the
+    only message of kind 0.
+    """
+    position = HEADER
+    while position < len(content):
+        kind, length = unpack_from("<QQ", content, position)
+        if kind == INDEX:
+            break
+        position += calcsize("<QQ") + length
+    return content[:position]
 
 
 def send_scalars(

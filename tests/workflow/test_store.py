@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from study.common.errors import StudyError
 from study.common.provenance import MANIFEST
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -46,6 +47,14 @@ def test_finished_is_up_to_date(store: Store) -> None:
 def test_the_same_task_leaves_the_same_manifest(store: Store) -> None:
     first = (finish(store, task()) / MANIFEST).read_bytes()
     assert (finish(store, task()) / MANIFEST).read_bytes() == first
+
+
+def test_what_was_cut_off_is_not_finished(store: Store) -> None:
+    for name in ("deep.json", "deep.safetensors"):
+        (store.begin(task(), resumable=False) / name).write_text('{"cut": ')
+        with pytest.raises(StudyError, match=f"{name} was not written completely"):
+            store.finish(task(), {})
+        assert store.reason_to_run(task()) == "missing"
 
 
 def test_begun_is_not_finished(store: Store) -> None:
