@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from study.config.sections import setting
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models import Model, models
@@ -18,9 +19,18 @@ from study.models import Model, models
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """The sections of the configuration that the model reads."""
+    """What the model reads of the configuration.
+
+    A field whose type is a dataclass is a section, by its name. Every other field is a setting of
+    the model's own: ``--model.drift.initial_std 0.2``, with the bounds that are given here.
+
+    Args:
+        train: how the model is trained.
+        initial_std: σ before training, normalised.
+    """
 
     train: Train
+    initial_std: float = setting(0.1, low=1e-6, high=10.0)
 
 
 @models.register("drift")
@@ -30,7 +40,7 @@ class Drift(Model[DriftSettings]):
     Args:
         normalization: moments of the training data. States and actions arrive normalised, so the
             model needs no scales of its own.
-        settings: the sections of the configuration.
+        settings: what the model reads of the configuration.
     """
 
     settings_class = DriftSettings
@@ -40,7 +50,7 @@ class Drift(Model[DriftSettings]):
         # Standard normal numbers that `sample` gets for each time step.
         self.noise_size = self.state_size
         self.mean = nn.Parameter(torch.zeros(self.state_size))
-        self.std = nn.Parameter(torch.full((self.state_size,), 0.1))
+        self.std = nn.Parameter(torch.full((self.state_size,), settings.initial_std))
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         """The loss of a batch of training trajectories; `step` counts optimiser steps.
