@@ -10,7 +10,7 @@ from pathlib import Path
 
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared")
 SWITCH = "STUDY_COMPILED"
-"""Environment variable: with the value 0 nothing is compiled."""
+"""Environment variable. The value 0 turns compilation off."""
 
 
 def find() -> str | None:
@@ -26,14 +26,17 @@ def find() -> str | None:
 
 
 def build(source: Path, compiler: str) -> Path:
-    """Path of the shared library of a source, which is compiled unless the cache has it.
+    """Compile a source, unless the cache has its shared library.
 
-    The cache is ``study`` in the user's cache folder. Where that folder cannot be written, the
-    library is compiled into a temporary folder for this process alone.
+    The cache is ``study`` in the user's cache folder. If that folder is read-only, the library is
+    compiled into a temporary folder for this process alone.
 
     Args:
         source: the C file.
         compiler: path of the compiler.
+
+    Returns:
+        path of the shared library.
 
     Raises:
         OSError: the compiler cannot be run, or it reports an error.
@@ -50,7 +53,7 @@ def build(source: Path, compiler: str) -> Path:
     path = folder / f"{source.stem}-{key}.so"
     try:
         if not path.is_file():
-            # Several processes may compile at once: each writes its own file and moves it here.
+            # Several processes may compile at once. So each writes a separate file and moves it.
             _run([compiler, *FLAGS, str(source), "-o", str(scratch / path.name)])
             os.replace(scratch / path.name, path)
     finally:
