@@ -8,6 +8,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from study.common.files import read_checksums, sha256, write_checksums
+
 FLAGS = ("-O3", "-march=native", "-fPIC", "-shared")
 SWITCH = "STUDY_COMPILED"
 """Environment variable. The value 0 turns compilation off."""
@@ -27,6 +29,9 @@ def find() -> str | None:
 
 def build(source: Path, compiler: str) -> Path:
     """Compile a source, unless the cache has its shared library.
+
+    A damaged library would end the process when it is loaded. So the cache has a checksum beside
+    each library, and a library that differs from it is compiled again.
 
     The cache is ``study`` in the user's cache folder. If that folder is read-only, the library is
     compiled into a temporary folder for this process alone.
@@ -52,20 +57,42 @@ def build(source: Path, compiler: str) -> Path:
         folder = scratch = Path(tempfile.mkdtemp(prefix="study-"))
     path = folder / f"{source.stem}-{key}.so"
     try:
-        if not path.is_file():
+        if not _is_intact(path):
             # Several processes may compile at once. So each writes a separate file and moves it.
             _run([compiler, *FLAGS, str(source), "-o", str(scratch / path.name)])
+            checksums = {path.name: sha256(scratch / path.name)}
             os.replace(scratch / path.name, path)
+            write_checksums(_checksum(path), checksums)
     finally:
         if scratch != folder:
             shutil.rmtree(scratch, ignore_errors=True)
     return path
 
 
-def _run(command: list[str]) -> str:
-    """The standard output of a command."""
+def _checksum(library: Path) -> Path:
+    """The file with the SHA-256 of a library in the cache."""
+    return library.with_name(f"{library.name}.sha256")
+
+
+def _is_intact(library: Path) -> bool:
+    """Whether the cache has a library, as it was compiled."""
     try:
-        process = subprocess.run(command, capture_output=True, timeout=120, text=True)
+        return read_checksums(_checksum(library))[library.name] == sha256(library)
+    except (OSError, ValueError, KeyError):
+        return False
+
+
+def _run(command: list[str]) -> str:
+    """The standard output of a command, in English."""
+    try:
+        process = subprocess.run(
+            command,
+            capture_output=True,
+            timeout=120,
+            encoding="utf-8",
+            errors="replace",
+            env=os.environ | {"LC_ALL": "C"},
+        )
     except subprocess.SubprocessError as error:
         raise OSError(str(error)) from None
     if process.returncode:

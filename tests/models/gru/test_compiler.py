@@ -31,10 +31,36 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_source_is_compiled_once(source: Path, found: str, tmp_path: Path) -> None:
     path = compiler.build(source, found)
     assert ctypes.CDLL(str(path)).seven() == 7
-    assert list((tmp_path / "cache" / "study").iterdir()) == [path]
+    names = [path.name, f"{path.name}.sha256"]
+    assert sorted(file.name for file in (tmp_path / "cache" / "study").iterdir()) == names
     modified = path.stat().st_mtime_ns
     assert compiler.build(source, found) == path
     assert path.stat().st_mtime_ns == modified
+
+
+@pytest.mark.parametrize("size", [0, 1000, -1])
+def test_a_damaged_library_is_compiled_again(source: Path, found: str, size: int) -> None:
+    path = compiler.build(source, found)
+    content = path.read_bytes()
+    path.write_bytes(content[:size])
+    assert compiler.build(source, found) == path
+    assert path.read_bytes() == content
+    assert ctypes.CDLL(str(path)).seven() == 7
+
+
+@pytest.mark.parametrize("text", [None, "", "nonsense\n"])
+def test_a_library_needs_its_checksum(source: Path, found: str, text: str | None) -> None:
+    path = compiler.build(source, found)
+    checksum = path.with_name(f"{path.name}.sha256")
+    written = checksum.read_bytes()
+    if text is None:
+        checksum.unlink()
+    else:
+        checksum.write_text(text, encoding="utf-8")
+    path.write_bytes(b"damaged")
+    compiler.build(source, found)
+    assert checksum.read_bytes() == written
+    assert ctypes.CDLL(str(path)).seven() == 7
 
 
 def test_another_source_gives_another_library(source: Path, found: str) -> None:
