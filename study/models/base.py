@@ -1,4 +1,4 @@
-"""The contract of a forecaster, and the base class of those that are trained."""
+"""The protocol of a forecaster, and the base class of trained forecasters."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -28,7 +28,7 @@ LOG_EVERY = 10
 """Optimiser steps between two points of a training curve."""
 
 MAX_ROWS = 8192
-"""Forecasts (scenario × sample) that are computed together: bounds the memory."""
+"""Largest number of forecasts (scenario × sample) in one batch. It bounds the memory."""
 
 
 class Forecaster(Protocol):
@@ -51,7 +51,7 @@ class Forecaster(Protocol):
 
 
 class ModelSettings(Protocol):
-    """The settings that every model has: how it is trained."""
+    """The settings that every model has: its training options."""
 
     @property
     def train(self) -> Train:
@@ -63,9 +63,9 @@ S = TypeVar("S", bound=ModelSettings)
 
 
 class Model(L.LightningModule, Generic[S]):
-    """A forecaster that is trained: a Lightning module that works in normalized units.
+    """A forecaster that is trained: a Lightning module that works in normalised units.
 
-    A subclass implements `losses` (or its own `training_step`) and `sample`, and is registered with
+    A subclass implements `losses` (or `training_step`) and `sample`, and is registered with
     ``@models.register(NAME)``.
 
     Args:
@@ -87,12 +87,12 @@ class Model(L.LightningModule, Generic[S]):
     tunes_beta: ClassVar[bool] = False
     uses_ensemble: ClassVar[bool] = False
     data_streams: int | None = None
-    """Independently shuffled streams of training data, one for each of several networks that are
-    trained side by side. None is one stream, without the leading axis in the batches."""
+    """Number of independently shuffled streams of training data, one for each network that is
+    trained in parallel. None is one stream, without the leading axis in the batches."""
     noise_size: int
-    """Standard normal numbers that one sample takes at each step."""
+    """Number of standard normal numbers that one sample needs at each step."""
     training_size: int
-    """Training trajectories N: see `on_training_data`."""
+    """Number of training trajectories N, see `on_training_data`."""
 
     state_mean: Tensor
     state_scale: Tensor
@@ -133,17 +133,17 @@ class Model(L.LightningModule, Generic[S]):
 
     @classmethod
     def training_options(cls, settings: S) -> Train:
-        """The section `train` as it holds for this model."""
+        """The training options of this model: the section `train`, unless a subclass changes it."""
         return settings.train
 
     @classmethod
     def trial_settings(cls, settings: S) -> S:
-        """The settings of the model that a trial of the search for β trains."""
+        """The settings of the model that a trial of the search for β fits."""
         return settings
 
     @abstractmethod
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """Forecasts in normalized units.
+        """Forecasts in normalised units.
 
         Args:
             s0: [S, D].
@@ -156,14 +156,15 @@ class Model(L.LightningModule, Generic[S]):
         """
 
     def members_count(self) -> int:
-        """Members of which each sample has one for its whole horizon; 1 without an ensemble.
+        """The number of members; 1 without an ensemble.
 
-        The disagreement of the members is the model's epistemic uncertainty.
+        A sample belongs to one member over its whole horizon. The disagreement of the members is
+        the model's epistemic uncertainty.
         """
         return 1
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """The ``loss`` of a batch, and further scalars for the training curves.
+        """The ``loss`` of a batch, a scalar, and further scalars for the training curves.
 
         Args:
             batch: see `study.training.data_module.TrajectoryDataModule`.
@@ -175,7 +176,7 @@ class Model(L.LightningModule, Generic[S]):
         """Called once before training.
 
         Args:
-            states: the training states [N, T+1, D] in normalized units.
+            states: the training states [N, T+1, D] in normalised units.
         """
         self.training_size = len(states)
 
@@ -212,12 +213,12 @@ class Model(L.LightningModule, Generic[S]):
         return np.concatenate(parts)
 
     def normalize(self, s0: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """s_0 [..., D] and actions [..., A] from SI to normalized units, on the model's device."""
+        """s_0 [..., D] and actions [..., A] from SI to normalised units, on the model's device."""
         normalized_actions = (actions.to(self.device) - self.action_mean) / self.action_scale
         return self.normalize_states(s0), normalized_actions
 
     def normalize_states(self, states: Tensor) -> Tensor:
-        """States [..., D] from SI to normalized units, on the model's device."""
+        """States [..., D] from SI to normalised units, on the model's device."""
         fixed = to_fixed_frame(states.to(self.device, copy=True), self.rotating_pairs)
         return (fixed - self.state_mean) / self.state_scale
 
@@ -234,7 +235,7 @@ class Model(L.LightningModule, Generic[S]):
     def validation_step(self, batch: dict[str, Tensor]) -> None:
         """Does nothing: the training callback scores the model's forecasts.
 
-        A model with a validation loss of its own overrides this method and logs the loss as
+        A model with another validation loss overrides this method and logs the loss as
         ``validation_score``.
         """
 
@@ -271,7 +272,7 @@ class Model(L.LightningModule, Generic[S]):
 
 
 def check_class(model: Any) -> None:
-    """Check what can be known of a class without an instance.
+    """Check a model class without an instance, before it is registered.
 
     Raises:
         BadInput: it is no model, or lacks an attribute or a method.

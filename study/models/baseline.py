@@ -1,4 +1,4 @@
-"""The baseline b_{0:T} that a decoder adds to, and the conditions that the decoder sees."""
+"""The baseline b_{0:T} to which a decoder adds its output, and the condition of the decoder."""
 
 from abc import abstractmethod
 
@@ -11,7 +11,7 @@ from study.models.sampling import repeat_samples
 
 
 class BaselineModel(Model[S]):
-    """A model whose decoder adds to a baseline: see `MemberBaseline` and `ZeroBaseline`."""
+    """A model whose decoder adds its output to a baseline (`MemberBaseline`, `ZeroBaseline`)."""
 
     @abstractmethod
     def condition_size(self) -> int:
@@ -24,7 +24,7 @@ class BaselineModel(Model[S]):
         Args:
             s0: [S, D].
             actions: [S, T, A].
-            members: ŷ_m [S, M, T, D], the ensemble's forecasts, if they are already known.
+            members: ŷ_m [S, M, T, D], the ensemble's forecasts; None to compute them.
         """
 
     @abstractmethod
@@ -50,16 +50,16 @@ class BaselineModel(Model[S]):
 
 
 class MemberBaseline(BaselineModel[S]):
-    """b = ŷ_m, a member of the fitted ensemble, whose weights stay as they are.
+    """b = ŷ_m, the forecast of a member of the fitted ensemble, which is not trained further.
 
-    A model inside another one may have no ensemble. Its baselines then need the members' forecasts.
+    A member of an ensemble of models has no `RnnEnsemble`. Its baselines need the forecasts ŷ_m.
     """
 
     uses_ensemble = True
     ensemble: RnnEnsemble | None
 
     def members_count(self) -> int:
-        """M."""
+        """M; 1 without an ensemble."""
         return 1 if self.ensemble is None else self.ensemble.members_count()
 
     def condition_size(self) -> int:

@@ -44,6 +44,9 @@ def build(
         settings: an instance of the class's `settings_class`.
         beta: for a class with `tunes_beta`.
         ensemble: for a class with `uses_ensemble`.
+
+    Raises:
+        BadInput: there is no such model.
     """
     return construct(class_of(name), normalization, settings, beta, ensemble)
 
@@ -55,7 +58,7 @@ def construct(
     beta: float | None = None,
     ensemble: RnnEnsemble | None = None,
 ) -> Model[Any]:
-    """A new model of a class; other arguments as of `build`."""
+    """A new model of a class. See `build` for the other arguments."""
     arguments: dict[str, Any] = {}
     if model.tunes_beta:
         arguments["beta"] = beta

@@ -7,8 +7,8 @@ scores are used. The distribution F of one step has a known density, and the log
     LS(F, y) = −log p_F(y)
 
 The distribution of a whole trajectory can only be sampled. m autoregressive rollouts x of each
-trajectory are scored against the observed trajectory y, which also teaches the dependence between
-dimensions:
+trajectory are scored against the observed trajectory y. The energy score also depends on the
+correlation of the dimensions:
 
     CRPS(F, y) = E|x − y| − ½ E|x − x'|            of each dimension and step
     ES(F, y)   = E‖x − y‖ − ½ E‖x − x'‖            of each step: the joint state
@@ -34,19 +34,19 @@ from study.models.networks.transition import TransitionDecoder
 from study.models.sampling import repeat_samples
 
 MIN_SCORE = 1e-6
-"""Smallest score, and smallest standard deviation: keeps logarithms finite."""
+"""Smallest score and smallest standard deviation. It keeps logarithms finite."""
 
 TRANSITIONS = 512
-"""Transitions of one optimiser step."""
+"""Number of transitions of one optimiser step."""
 
 TRAJECTORIES = 12
-"""Trajectories of one optimiser step on rollouts."""
+"""Number of trajectories of one optimiser step on rollouts."""
 
 ROLLOUT_RATE = 0.1
 """Peak of the learning rate for rollouts, as a fraction of the peak for single transitions."""
 
 EVALUATIONS = 10
-"""Evaluations of the validation score during training."""
+"""Number of evaluations of the validation score during training."""
 
 
 def fair_score(forecasts: Tensor, observed: Tensor) -> Tensor:
@@ -84,13 +84,13 @@ class CrpsSettings:
 
 
 class CrpsModel(BaselineModel[CrpsSettings]):
-    """A decoder on a baseline, driven by noise; a subclass chooses the baseline.
+    """A decoder with noise inputs that adds to a baseline. A subclass defines the baseline.
 
-    The first components of the noise persist over the whole trajectory, for what is unobserved and
-    constant (a payload). The others are sampled at every step.
+    The first components of the noise persist over the whole trajectory. They represent unobserved
+    variables that are constant, such as a payload. The other components are sampled at every step.
 
-    Training begins with single transitions, from which a contact of hundredths of a second can be
-    learned. Rollouts follow, which teach what persists and how errors accumulate.
+    Training begins with single transitions, from which contacts of hundredths of a second can be
+    learned. Rollouts follow, from which persistent effects and the growth of errors are learned.
     """
 
     settings_class = CrpsSettings
@@ -111,8 +111,8 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     def training_options(cls, settings: CrpsSettings) -> Train:
         """See `Model.training_options`: steps, batch and learning rate of the section `crps`.
 
-        Training never stops early. Early evaluations say little, since a model that has learned
-        single transitions alone may have bad rollouts.
+        Training never stops early. A model that has learned only single transitions may have bad
+        rollouts, so early validation scores do not predict the last one.
         """
         crps = settings.crps
         return replace(
@@ -125,7 +125,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         )
 
     def on_training_data(self, states: Tensor) -> None:
-        """See `Model.on_training_data`: forecasts keep to the range of the training states."""
+        """See `Model.on_training_data`: the decoder stores the range of the training states."""
         super().on_training_data(states)
         self.decoder.set_range(states)
 
@@ -134,13 +134,13 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         return round(self.settings.crps.one_step_fraction * self.settings.crps.steps)
 
     def resets_optimizer_at(self, step: int) -> bool:
-        """See `Model.resets_optimizer_at`: gradients of rollouts have another magnitude."""
+        """See `Model.resets_optimizer_at`: the gradients of rollouts differ in magnitude."""
         return step == self.first_rollout_step()
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
         """See `Model.schedule`: one cycle for single transitions, and a lower one for rollouts.
 
-        Rollouts respond to a change of the weights far more than single transitions do.
+        A rollout responds to a change of the weights far more than a single transition does.
         """
         cycles = partial(two_cycles, steps=steps, one_step_steps=self.first_rollout_step())
         return LambdaLR(optimizer, cycles)
@@ -162,7 +162,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
 
         The probability of a step of the horizon is proportional to 1 + the mean squared change of
         the state in units of δ. So rare events, such as a start from rest, are sampled more often.
-        The persistent noise is left out: within one step it cannot be separated from the other.
+        The persistent noise is left out, since one step does not separate it from other noise.
 
         Args:
             states: [B, T+1, D].
@@ -172,9 +172,9 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         scale, horizon = self.delta_std, actions.shape[1]
         weights = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
         probabilities = weights.expand(len(states), -1).flatten()
-        chosen = torch.multinomial(probabilities, TRANSITIONS, replacement=True)
-        row, t = chosen // horizon, chosen % horizon
-        member = torch.randint(baselines.shape[1], chosen.shape, device=chosen.device)
+        sampled = torch.multinomial(probabilities, TRANSITIONS, replacement=True)
+        row, t = sampled // horizon, sampled % horizon
+        member = torch.randint(baselines.shape[1], sampled.shape, device=sampled.device)
         baseline = torch.stack([baselines[row, member, t], baselines[row, member, t + 1]], 1)
         condition = self.condition(baseline, actions[row, t][:, None])[:, 0]
         baseline_change = baseline[:, 1] - baseline[:, 0]
@@ -182,7 +182,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         mean, factor = self.decoder.transition(state, baseline_change, condition, s0)
         error = (states[row, t + 1] - state - baseline_change) / scale - mean
         score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
-        # The score may explain an error as noise; the logarithm of the squared error does not.
+        # A large variance can lower the score of a large error, but not its squared error.
         error_of_mean = error.square().mean(0).clamp(min=MIN_SCORE**2).log().mean()
         return {
             "loss": score + error_of_mean,
@@ -197,8 +197,8 @@ class CrpsModel(BaselineModel[CrpsSettings]):
 
             E_d log E CRPS_d + weight · log E ES,   states of the ES in units of each E CRPS_d
 
-        The gradient of a logarithm is relative. So each dimension counts in proportion to its own
-        uncertainty.
+        The gradient of a logarithm is relative. So the weight of a dimension does not depend on the
+        size of its uncertainty.
 
         Args:
             states, actions, baselines: see `transition_losses`.
@@ -228,7 +228,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     def generate(
         self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor, baselines: Tensor
     ) -> Tensor:
-        """Forecasts [S, K, T, D] on baselines that are already known.
+        """Forecasts [S, K, T, D] that add to the baselines.
 
         Args:
             s0, actions, noise, member: see `Model.sample`.
@@ -247,7 +247,7 @@ def two_cycles(step: int, steps: int, one_step_steps: int) -> float:
 
     Args:
         step: the optimiser step, from 0.
-        steps: all steps.
+        steps: number of all steps.
         one_step_steps: steps of the first cycle, which trains on single transitions.
     """
     if step < one_step_steps:

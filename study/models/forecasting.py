@@ -23,7 +23,7 @@ from study.models.rnn_ensemble import RnnEnsemble
 from study.models.sampling import sample_members
 
 CHUNK = 512
-"""Trajectories that an ensemble forecasts together: bounds the memory."""
+"""Largest number of trajectories in one batch of an ensemble. It bounds the memory."""
 
 AnyEnsemble = RnnEnsemble | EnsembleOfModels[Any, Any]
 
@@ -35,6 +35,9 @@ def load_forecaster(name: str, simulator: Simulator, inputs: Mapping[str, Path])
         name: ``oracle``, ``ensemble`` or the name of a registered model.
         simulator: of the cell's environment.
         inputs: folders of earlier stages, ``ensemble`` or ``trained``.
+
+    Raises:
+        StudyError: another version of the study wrote the weights.
     """
     if name == "oracle":
         return Oracle(simulator)
@@ -46,10 +49,10 @@ def load_forecaster(name: str, simulator: Simulator, inputs: Mapping[str, Path])
 def forecast_in_parts(
     forecaster: Forecaster, test: ScenarioSet, samples: int, seeds: Seeds, progress: Progress
 ) -> Floats:
-    """`Forecaster.forecast` of all scenarios [S, K, T, D], with a report after each tenth.
+    """`Forecaster.forecast` of all scenarios [S, K, T, D]. It reports progress after each tenth.
 
     Raises:
-        StudyError: the forecasts have another shape, which scores might take for the right one.
+        StudyError: the forecasts have the wrong shape.
     """
     parts = np.array_split(np.arange(len(test)), min(10, len(test)))
     forecasts = []
@@ -80,7 +83,7 @@ def forecast_members(model: AnyEnsemble, s0: Floats, actions: Floats) -> Floats:
 
 @torch.no_grad()
 def forecast_members_in_parts(model: AnyEnsemble, s0: Floats, actions: Floats) -> Iterator[Floats]:
-    """As `forecast_members`, `CHUNK` trajectories at a time."""
+    """See `forecast_members`: parts of at most `CHUNK` trajectories."""
     for start in range(0, len(s0), CHUNK):
         chunk = slice(start, start + CHUNK)
         inputs = model.normalize(torch.from_numpy(s0[chunk]), torch.from_numpy(actions[chunk]))
@@ -90,18 +93,19 @@ def forecast_members_in_parts(model: AnyEnsemble, s0: Floats, actions: Floats) -
 def example_arrays(
     forecaster: Forecaster, test: ScenarioSet, forecasts: Floats, seeds: Seeds, index: Integers
 ) -> Arrays:
-    """What a recording shows of some scenarios.
+    """The scenarios and forecasts that a recording shows.
 
     Args:
-        forecaster: whose forecasts.
+        forecaster: source of the forecasts.
         test: all S scenarios.
-        forecasts: [S, K, T, D].
+        forecasts: [S, K, T, D] in SI units.
         seeds: of the forecasts, [S].
-        index: the scenarios shown, [P].
+        index: the E scenarios that the recording shows, [E].
 
     Returns:
-        arrays with a first axis P. An ensemble adds ``member``, the member of each sample, and
-        ``members``, the members' own forecasts.
+        ``scenario`` [E], ``s0`` [E, D], ``actions`` [E, T, A], ``goal`` [E, G], ``observed`` and
+        ``forecast`` [E, K, T, D]. With an ensemble also ``member`` [E, K], the member of each
+        sample, and ``members`` [E, M, T, D], the forecast of each member.
     """
     arrays: Arrays = {
         "scenario": index,
@@ -127,10 +131,10 @@ def ensemble_of(forecaster: Forecaster) -> AnyEnsemble | None:
 
 
 def members_of_samples(forecaster: Forecaster, seeds: Seeds, samples: int) -> Integers | None:
-    """The member of each sample [S, K] of `Forecaster.forecast`; None with one member only.
+    """The member of each sample [S, K] of `Forecaster.forecast`; None if there is one member.
 
     Args:
-        forecaster: whose forecasts.
+        forecaster: source of the forecasts.
         seeds: of the forecasts, [S].
         samples: K.
     """

@@ -1,12 +1,12 @@
-"""Ensembles of whole models: the members disagree where the data leave the model open.
+"""Ensembles of complete models: members disagree where the data do not determine the model.
 
 M complete models of one class have different initial weights and different orders of the data.
-They are taken as M samples of the models that agree with the data (Lakshminarayanan et al.,
-NeurIPS 2017). A sample of the forecast is a sample of one member, kept over the horizon:
+They are treated as M samples from the distribution of models that fit the data (Lakshminarayanan
+et al., NeurIPS 2017). Each forecast is sampled from one member for the whole horizon:
 
     p(s_{1:T} | s_0; a_{0:T-1}) = 1/M Σ_m p_m(s_{1:T} | s_0; a_{0:T-1})
 
-The variance of one member's forecast is aleatoric, the variance between the members' means is
+The variance of one member's forecast is aleatoric. The variance between the members' means is
 epistemic.
 """
 
@@ -41,7 +41,7 @@ M = TypeVar("M", bound=Model[Any])
 
 
 class EnsembleOfModels(Model[E], Generic[E, M]):
-    """M members of the class `member_class`, trained side by side.
+    """M members of the class `member_class`, trained in parallel.
 
     Args:
         normalization: see `Model`.
@@ -58,7 +58,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         self.noise_size = self.member_models()[0].noise_size
 
     def member_models(self) -> list[M]:
-        """The members."""
+        """The members, with their type."""
         return cast("list[M]", list(self.members))
 
     def members_count(self) -> int:
@@ -82,17 +82,17 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
             member.on_training_data(states)
 
     def resets_optimizer_at(self, step: int) -> bool:
-        """See `Model.resets_optimizer_at`: as a member."""
+        """See `Model.resets_optimizer_at`: at the same steps as a member."""
         return self.member_models()[0].resets_optimizer_at(step)
 
     def schedule(self, optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
-        """See `Model.schedule`: as a member."""
+        """See `Model.schedule`: that of a member."""
         return self.member_models()[0].schedule(optimizer, learning_rate, steps)
 
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """The sum of the members' losses. The batch has a leading axis M, each member's own batch.
+        """The sum of the members' losses, on a batch with a leading axis M.
 
-        Members share no parameter: the gradient of the sum is each member's own gradient.
+        Members share no parameter, so the gradient of the sum is the gradient of each member.
         """
         by_member = [
             member.losses({name: values[index] for name, values in batch.items()}, step)
@@ -101,9 +101,9 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         stacked = {
             name: torch.stack([losses[name] for losses in by_member]) for name in by_member[0]
         }
-        of_members = {f"loss/member_{m}": loss for m, loss in enumerate(stacked["loss"])}
+        curves = {f"loss/member_{m}": loss for m, loss in enumerate(stacked["loss"])}
         means = {name: values.mean() for name, values in stacked.items() if name != "loss"}
-        return {"loss": stacked["loss"].sum()} | of_members | means
+        return {"loss": stacked["loss"].sum()} | curves | means
 
     def configure_gradient_clipping(
         self,
@@ -111,9 +111,9 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         gradient_clip_val: float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Lightning's hook: clip each member's gradient by its own norm, as if trained alone.
+        """Lightning's hook: clip each member's gradient by its own norm, as in separate training.
 
-        With one norm of all members, a member with a large gradient would slow the others down.
+        With one norm for all members, a large gradient of one member would shrink those of all.
         """
         for member in self.members:
             trained = [p for p in member.parameters() if p.requires_grad]
@@ -121,7 +121,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
                 nn.utils.clip_grad_norm_(trained, gradient_clip_val)
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """Each member's forecast with noise 0, [S, M, T, D], in normalized units.
+        """Each member's forecast with noise 0, [S, M, T, D], in normalised units.
 
         Args:
             s0: [S, D].
@@ -133,7 +133,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         return EnsembleOfModels.sample(self, s0, actions, noise, every_member)
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
-        """See `Model.sample`: sample k of a scenario is one of the member member[k]."""
+        """See `Model.sample`: sample k of a scenario is a sample of member[k]."""
 
         def forecast(model: M, rows: Rows) -> Tensor:
             scenario, _ = rows
@@ -151,7 +151,7 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         Args:
             member: [S, K], the member of each sample.
             noise: [S, K, T, `noise_size`].
-            forecast: gives the forecasts [R, T, D] of a member for its rows [R].
+            forecast: returns the forecasts [R, T, D] of a member for its rows [R].
         """
         forecasts = noise.new_empty(*noise.shape[:3], self.state_size)
         for index, model in enumerate(self.member_models()):

@@ -1,4 +1,4 @@
-"""The optimiser and the learning rate that all models share."""
+"""The optimiser and the learning rate of all models."""
 
 from collections.abc import Iterable
 
@@ -15,14 +15,14 @@ def adamw(parameters: Iterable[Parameter], learning_rate: float, weight_decay: f
     variances do not decay.
     """
     matrices: list[Parameter] = []
-    others: list[Parameter] = []
+    vectors: list[Parameter] = []
     for parameter in parameters:
         # The biases of stacked networks are [M, 1, ...].
         is_matrix = parameter.dim() > 1 and parameter.shape[-2] > 1
-        (matrices if is_matrix else others).append(parameter)
+        (matrices if is_matrix else vectors).append(parameter)
     groups = [
         {"params": matrices, "weight_decay": weight_decay},
-        {"params": others, "weight_decay": 0.0},
+        {"params": vectors, "weight_decay": 0.0},
     ]
     return torch.optim.AdamW(groups, lr=learning_rate, fused=True)
 

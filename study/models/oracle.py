@@ -13,7 +13,7 @@ from study.envs.observe import repeat_rollouts
 
 @dataclass(frozen=True)
 class Oracle:
-    """The simulator as a forecaster: it simulates s_0 and the actions with new noise.
+    """The simulator as a forecaster: it simulates the actions from s_0 with new noise.
 
     Attributes:
         simulator: the system that also produced the observations.

@@ -1,8 +1,8 @@
-"""An ensemble of probabilistic MLPs, the state of the art of model-based reinforcement learning.
+"""An ensemble of probabilistic MLPs with trajectory sampling (PETS).
 
 Chua et al., "Deep reinforcement learning in a handful of trials using probabilistic dynamics
-models", NeurIPS 2018 (PETS): each member is a `ProbabilisticMlp`. Forecasts are propagated by
-trajectory sampling:
+models", NeurIPS 2018: each member is a `ProbabilisticMlp`. Forecasts are propagated by trajectory
+sampling:
 
     TS∞   m ~ U{0 … M−1} once for the whole trajectory
     TS1   m_t ~ U{0 … M−1} at every step
@@ -33,7 +33,7 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
     """M probabilistic MLPs; TS∞ or TS1 by the setting `propagation`.
 
     Only TS∞ separates aleatoric from epistemic uncertainty. With TS1 no sample belongs to one
-    member, so the model counts as a single member.
+    member, so `members_count` is 1.
     """
 
     settings_class = MlpEnsembleSettings

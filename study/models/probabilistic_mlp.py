@@ -30,8 +30,9 @@ class MlpSettings:
 class ProbabilisticMlp(Model[MlpSettings]):
     """s_{t+1} ~ N(s_t + δ μ(s_t, a_t), δ² σ²(s_t, a_t)), sampled and fed back.
 
-    δ is the standard deviation of a state's change over one step: some components change in a step
-    hundreds of times less than they vary. log σ² has soft bounds, as in Chua et al.
+    δ is the standard deviation of a state's change over one step. For some components it is
+    hundreds of times smaller than the standard deviation of the state, so the network's output is
+    in units of δ. log σ² has soft bounds, as in Chua et al.
     """
 
     settings_class = MlpSettings
@@ -71,7 +72,7 @@ class ProbabilisticMlp(Model[MlpSettings]):
         if self.settings.mlp.loss == "beta_nll":
             nll = beta_nll_weights(0.5 * log_variance) * nll
         likelihood = nll.sum(-1).mean()
-        # Moves the bounds towards the variances that the data need.
+        # This term moves the bounds towards the variances of the data.
         bounds = self.max_log_variance.sum() - self.min_log_variance.sum()
         loss = likelihood + BOUNDS_WEIGHT * bounds
         return {"loss": loss, "loss/negative_log_likelihood": likelihood}

@@ -9,12 +9,12 @@ from study.models.vae import VaeModel, VaeSettings
 
 @models.register("residual_vae")
 class ResidualVae(MemberBaseline[VaeSettings], VaeModel):
-    """ŷ_pred = ε̂_alea + ŷ_m, with m ~ U{0 … M−1} kept over the horizon.
+    """ŷ_pred = ε̂_alea + ŷ_m, with one m ~ U{0 … M−1} for the whole horizon.
 
     Args:
         normalization, settings, beta: see `VaeModel`.
-        ensemble: the fitted ensemble, saved with the weights and not trained further. None for a
-            model that is given the members' forecasts.
+        ensemble: the fitted ensemble, saved with the weights and not trained further; see
+            `MemberBaseline`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""An ensemble of residual VAEs: the CVAE's own epistemic part, future work in section VI."""
+"""An ensemble of residual VAEs: epistemic uncertainty of the CVAE, future work in section VI."""
 
 import torch
 from torch import Tensor
@@ -35,7 +35,7 @@ class ResidualVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, ResidualVae]):
         beta: float,
         ensemble: RnnEnsemble,
     ) -> None:
-        # The residual VAEs have no ensemble of their own: its weights are in the file once.
+        # The residual VAEs have no ensemble, so that the file holds the ensemble's weights once.
         count = settings.model_ensemble.members
         members = [ResidualVae(normalization, settings, beta, None) for _ in range(count)]
         super().__init__(normalization, settings, members)
@@ -46,7 +46,7 @@ class ResidualVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, ResidualVae]):
         return len(self.members) * self.ensemble.members_count()
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """ŷ_m of the recurrent networks [S, M, T, D], in normalized units.
+        """ŷ_m of the recurrent networks [S, M, T, D], in normalised units.
 
         Args:
             s0: [S, D].
@@ -61,7 +61,7 @@ class ResidualVaeEnsemble(EnsembleOfModels[VaeEnsembleSettings, ResidualVae]):
 
         def forecast(vae: ResidualVae, rows: Rows) -> Tensor:
             scenario, _ = rows
-            # ŷ_m of the sampled m alone, as an ensemble of one member.
+            # The baseline of a sample is ŷ_m of its own m, like that of an ensemble of one member.
             members = forecasts[scenario, recurrent[rows]][:, None]
             index = torch.zeros_like(scenario)[:, None]
             inputs = (s0[scenario], actions[scenario], noise[rows][:, None])

@@ -1,4 +1,4 @@
-"""The deep ensemble of recurrent networks: the epistemic part (section III-A, equation 10)."""
+"""The deep ensemble of recurrent networks: epistemic uncertainty (section III-A, equation 10)."""
 
 from dataclasses import dataclass
 
@@ -53,7 +53,7 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         return self.settings.ensemble.members
 
     def forward(self, s0: Tensor, actions: Tensor) -> Tensor:
-        """ŷ_m of all members [B, M, T, D], in normalized units.
+        """ŷ_m of all members [B, M, T, D], in normalised units.
 
         Args:
             s0: [B, D].
@@ -72,8 +72,8 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         """−log p_θ of each member (equation 10), averaged over trajectories, t and dimensions.
 
         The batch has a leading axis M: each member has its own order of the data. The first steps
-        are teacher forced, which is quick to learn. The later steps train on autoregressive
-        rollouts.
+        are teacher forced, since the network then learns quickly. The later steps train on
+        autoregressive rollouts.
         """
         states, actions, options = batch["states"], batch["actions"], self.settings.ensemble
         s0, truth = states[:, :, 0], states[:, :, 1:]

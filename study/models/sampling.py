@@ -1,4 +1,4 @@
-"""The random numbers of a forecast: those of a scenario depend on its seed alone."""
+"""The random numbers of forecasts. The numbers of a scenario depend on its seed alone."""
 
 import numpy as np
 from torch import Tensor
@@ -17,12 +17,12 @@ def sample_noise(seeds: Seeds, samples: int, horizon: int, size: int) -> Floats:
 
 
 def sample_members(seeds: Seeds, samples: int, members: int) -> Integers:
-    """m ~ U{0 … M−1} of each sample, kept over the horizon: [S, K] (Algorithm 1, line 4)."""
+    """m ~ U{0 … M−1} [S, K]: one for the whole horizon of a sample (Algorithm 1, line 4)."""
     return np.stack(
         [np.random.default_rng([int(seed), 1]).integers(members, size=samples) for seed in seeds]
     )
 
 
 def repeat_samples(values: Tensor, samples: int) -> Tensor:
-    """Rows [S·K, ...] from [S, ...]: what all K samples of a scenario share."""
+    """Repeat the row of each scenario for its K samples: [S·K, ...] from [S, ...]."""
     return values.repeat_interleave(samples, dim=0)

@@ -1,4 +1,4 @@
-"""What the residual VAE and the full VAE share: training and sampling of the recurrent CVAE."""
+"""Training and sampling of the recurrent CVAE, for the residual VAE and the full VAE."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class VaeSettings:
 
 
 class VaeModel(BaselineModel[VaeSettings]):
-    """A recurrent conditional VAE on a baseline; a subclass chooses the baseline.
+    """A recurrent conditional VAE that adds to a baseline. A subclass defines the baseline.
 
     Args:
         normalization, settings: see `Model`.
@@ -86,7 +86,7 @@ class VaeModel(BaselineModel[VaeSettings]):
         return torch.randint(members, (size,), device=device).expand(count)
 
     def is_teacher_forced(self, step: int) -> bool:
-        """Whether the decoder's state history is now the true states, not its own predictions."""
+        """Whether the decoder's state history at this optimiser step is the true states."""
         if self.settings.vae.teacher_forcing == "scheduled":
             return step < TEACHER_FORCING_FRACTION * self.settings.train.steps
         return self.settings.vae.teacher_forcing == "always"
@@ -100,12 +100,12 @@ class VaeModel(BaselineModel[VaeSettings]):
     ) -> Tensor:
         """Forecasts with z_t ~ p(z_t), and s_{t+1} from p_θ(s_{t+1} | ·) or its mean.
 
-        A decoder trained on true states, noise included, is fed its samples. A decoder trained on
-        its own predictions is fed those.
+        True states include noise. So the state history of a decoder that was trained on true states
+        is its samples. The state history of any other decoder is its means, as in training.
 
         Args:
             s0, actions, noise, member: see `Model.sample`.
-            members: ŷ_m [S, M, T, D], the ensemble's forecasts, if they are already known.
+            members: ŷ_m [S, M, T, D], the ensemble's forecasts; None to compute them.
 
         Returns:
             [S, K, T, D]

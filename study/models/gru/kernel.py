@@ -19,7 +19,7 @@ from study.models.gru import compiler
 
 SOURCE = Path(__file__).with_name("recurrence.c")
 ROWS = 12
-"""Trajectories of a block, as in the source."""
+"""Number of trajectories of a block, as in the source."""
 
 _SIZES = (ctypes.c_long,) * 7 + (ctypes.c_float,)
 _ARRAYS = {"forward": 14, "backward": 11}

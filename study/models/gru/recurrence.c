@@ -1,10 +1,10 @@
 /* The gated recurrent unit with a fed back state of recurrence.py, forwards and backwards.
 
-   The trajectories of a batch are independent. So a block of ROWS trajectories goes through the
-   whole horizon at once, and its state and the weights stay in the nearest caches. What remains is
-   matrix products of a few rows (`product`); the pointwise operations follow while the result is
-   still in the cache. The gradients of the weights are sums over steps and rows, and are left to
-   the caller.
+   The trajectories of a batch are independent. So a block of ROWS trajectories runs through the
+   whole horizon at once, and its state and the weights stay in the nearest caches. Each step is a
+   few matrix products of a few rows (`product`). The pointwise operations follow while the result
+   is still in the cache. The gradients of the weights are sums over steps and rows; the caller
+   computes them.
 
    Arrays are float32 in row-major order. The leading axis M is that of independent networks, each
    with its own weights. A row adds its products in the same order for every batch size, so a
@@ -240,8 +240,9 @@ static void add(long count, const float *restrict from, float *restrict to)
     for (long j = 0; j < count; j++) to[j] += from[j];
 }
 
-/* Through the gates: from the gradient of h_{t+1} the gradients of the four sums g_n, r, u and x_n,
-   and in place the part of the gradient of h_t that u passes on directly. */
+/* The chain rule through the gates. `grad_hidden` holds the gradient of h_{t+1}. The function writes
+   the gradients of the four sums g_n, r, u and x_n. It then replaces `grad_hidden` by u times its
+   value, the direct part of the gradient of h_t. */
 static void chain(
     long H, const float *restrict gates, const float *restrict before, float *restrict grad_hidden,
     float *restrict sums)

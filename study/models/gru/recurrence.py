@@ -1,8 +1,8 @@
 """A gated recurrent unit whose output state is fed back, over a whole sequence at once.
 
 On a CPU a loop over `torch.nn.GRUCell` spends its time on the overhead of thousands of small
-operations. So there the whole sequence runs in C (`recurrence.c`), forwards and backwards. On a
-GPU, or without a C compiler, `torch_gru` computes the same; it is also the reference of the tests.
+operations. So the whole sequence runs in C (`recurrence.c`) on a CPU, forwards and backwards. On a
+GPU, or without a C compiler, `torch_gru` computes the same. The tests use it as the reference.
 """
 
 from typing import Any
@@ -47,10 +47,10 @@ def feedback_gru(
         bias: b_ih and b_hh [..., 2, 3H].
         weight_ho: W_ho [..., H, D].
         residual: 1 where the unit outputs the state's change, 0 where it outputs the state.
-        log_std_weight: W_std [..., H + 1, D], the bias in the last row. It goes with `noise`;
-            neither is differentiable.
-        noise: [..., B, T, D].
-        return_hiddens: whether h is needed; without it h may be empty.
+        log_std_weight: W_std [..., H + 1, D], the bias in the last row; None without noise.
+        noise: [..., B, T, D]; None for the last term of s_{t+1} to be 0. Neither `noise` nor
+            `log_std_weight` is differentiable.
+        return_hiddens: whether h is needed. If not, h may be empty.
 
     Returns:
         h_{1:T} [..., B, T, H] and s_{1:T} [..., B, T, D].
@@ -73,8 +73,8 @@ def _dispatch(arguments: tuple[Any, ...], return_hiddens: bool) -> tuple[Tensor,
     tensors = [argument for argument in arguments if isinstance(argument, Tensor)]
     supported = all(t.device.type == "cpu" and t.dtype == torch.float32 for t in tensors)
     if supported and kernel.library() is not None:
-        # Inside the function autograd does not say whether gradients are enabled. Without
-        # gradients the function neither computes nor keeps what the backward pass needs.
+        # Autograd disables gradients inside the function. So an argument says whether they are
+        # needed. If not, the function does not compute the arrays of the backward pass.
         hiddens, states = _Compiled.apply(*arguments, return_hiddens, torch.is_grad_enabled())
         return hiddens, states
     return torch_gru(*arguments)
@@ -96,8 +96,8 @@ def torch_gru(
     """`feedback_gru` step by step in torch."""
     input_weight, state_weight = weight_ih.split([inputs.shape[-1], state.shape[-1]], dim=-2)
     bias_ih, bias_hh = bias.split(1, dim=-2)
-    # The inputs' part is computed for all steps at once, and sequences are taken apart once: the
-    # gradient of an index at every step would copy the whole sequence each time.
+    # The terms of the inputs are computed for all steps at once. Sequences are split once, since
+    # the gradient of an index at every step would copy the whole sequence each time.
     from_inputs = inputs @ input_weight.unsqueeze(-3) + bias_ih.unsqueeze(-3)
     noises = [None] * offset.shape[-2] if noise is None else noise.unbind(-2)
     steps = zip(from_inputs.unbind(-2), offset.unbind(-2), noises, strict=True)
@@ -169,7 +169,7 @@ class _Compiled(torch.autograd.Function):
         arrays = (weight_ih, weight_hh, weight_ho, hiddens, gates, grad_hiddens, grad_states)
         results = (sums, grad_offset, grad_hidden, grad_state)
         kernel.call(library.backward, ctx.count, ctx.sizes, ctx.residual, arrays + results)
-        # All steps of all trajectories in one axis: row t of h with the gradients of step t.
+        # One axis holds all steps of all trajectories: row t of h matches the gradients of step t.
         h, d, d_out, x = (
             values.flatten(-3, -2) for values in (hiddens, sums, grad_offset, gate_inputs)
         )
@@ -180,8 +180,8 @@ class _Compiled(torch.autograd.Function):
         grad_inputs = None
         if ctx.needs_input_grad[0]:
             transposed = weight_ih[..., :input_size, :].mT
-            of_rows = (d[..., size:] @ transposed).unflatten(-2, (batch, steps + 1))
-            grad_inputs = of_rows[..., :-1, :]
+            grad_rows = (d[..., size:] @ transposed).unflatten(-2, (batch, steps + 1))
+            grad_inputs = grad_rows[..., :-1, :]
         return (
             grad_inputs,
             grad_offset[..., :-1, :],

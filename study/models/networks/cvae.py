@@ -23,8 +23,8 @@ class RecurrentCvae(nn.Module):
         h_{t+1} = GRU([x_{t+1}, s_t, c_t], h_t),   h_0 = 0
         [μ_t, log ν_t] = h_{t+1} W + b,            q_φ(z_t | ·) = N(μ_t, ν_t)
 
-    Encoder and decoder are causal: nothing at step t depends on a later state, condition or latent
-    variable; the encoder's target x_{t+1} is the one exception.
+    Encoder and decoder are causal: their outputs at step t do not depend on a later state,
+    condition or latent variable. The only exception is the encoder's input x_{t+1}.
 
     Args:
         output_scale: the unit of the decoder's output in each dimension, [D].
@@ -33,7 +33,7 @@ class RecurrentCvae(nn.Module):
         latent_size: Z.
         delta_target: see `GaussianDecoder`.
         homoscedastic: see `GaussianDecoder`.
-        uses_target: the encoder has the target x_{t+1} among its inputs.
+        uses_target: whether the target x_{t+1} is an input of the encoder.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class RecurrentCvae(nn.Module):
             condition: c_{0:T-1} [B, T, C].
         """
         inputs = [target, states, condition] if self.uses_target else [states, condition]
-        of_input, of_hidden = self.encoder_gates_of_input, self.encoder_gates_of_hidden
-        initial = target.new_zeros(len(target), of_hidden.in_features)
-        bias = torch.stack([of_input.bias, of_hidden.bias])
-        weight_ih, weight_hh = of_input.weight.T, of_hidden.weight.T
+        input_gates, hidden_gates = self.encoder_gates_of_input, self.encoder_gates_of_hidden
+        initial = target.new_zeros(len(target), hidden_gates.in_features)
+        bias = torch.stack([input_gates.bias, hidden_gates.bias])
+        weight_ih, weight_hh = input_gates.weight.T, hidden_gates.weight.T
         hiddens = gru(torch.cat(inputs, -1), initial, weight_ih, weight_hh, bias)
         mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)

@@ -18,18 +18,19 @@ class GaussianDecoder(nn.Module):
         w_{t+1} = tanh(h_{t+1} W_w + b_w)
 
     σ² has one value for each dimension: the mean of the squared errors of training, each divided by
-    exp(2 w). w makes the variance heteroscedastic: wind makes a flight less certain, and a ball at
-    rest stays where it is. w is bounded, so that noise that is fed back cannot grow without limit.
+    exp(2 w). w makes the variance heteroscedastic: larger for a flight in wind than for a ball at
+    rest, for example. w is bounded, so that noise that is fed back cannot grow without limit.
 
-    The decoder is causal: nothing at step t depends on a later state, condition or latent variable.
+    The decoder is causal: its output at step t depends on no later state, condition or latent
+    variable.
 
     Args:
         output_scale: u, the unit of the output in each dimension, [D].
         condition_size: C.
         hidden_size: H.
         latent_size: Z.
-        delta_target: the output is x_{t+1} − x_t instead of x_{t+1}.
-        homoscedastic: w = 0 always.
+        delta_target: whether the output is x_{t+1} − x_t instead of x_{t+1}.
+        homoscedastic: whether w is always 0.
     """
 
     output_scale: Tensor
@@ -76,8 +77,8 @@ class GaussianDecoder(nn.Module):
             baseline: b_{0:T} [B, T+1, D].
             condition: c_{0:T-1} [B, T, C].
             latent: z_{0:T-1} [B, T, Z].
-            truth: s_{0:T-1} [B, T, D]. With it the state history is the true states (teacher
-                forcing), without it the decoder's own means.
+            truth: s_{0:T-1} [B, T, D], the state history with teacher forcing. If None, the state
+                history is the decoder's own means.
         """
         hiddens, mean = self._unroll(s0, baseline, condition, latent, truth)
         return mean, torch.tanh(self.log_std(hiddens))
@@ -86,7 +87,7 @@ class GaussianDecoder(nn.Module):
     def sample(
         self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, normal: Tensor
     ) -> Tensor:
-        """s_{1:T} [B, T, D]: each state is sampled from p_θ and fed back.
+        """Sampled states s_{1:T} [B, T, D]. Each state is sampled from p_θ and fed back.
 
         Args:
             s0, baseline, condition, latent: see `forward`.
@@ -98,7 +99,7 @@ class GaussianDecoder(nn.Module):
     def update_variance(self, variance: Tensor, rate: float) -> None:
         """Move the running mean σ² towards a batch's σ² [D] by the fraction `rate`.
 
-        The loss uses the best σ² for each batch; forecasts need that of all data.
+        The loss uses the optimal σ² of each batch. Forecasts need σ² of all data.
         """
         self.variance.lerp_(variance, rate)
 
@@ -119,7 +120,7 @@ class GaussianDecoder(nn.Module):
         bias = torch.stack([self.gates_of_input.bias, self.gates_of_hidden.bias])
         weight_ho = self.output.weight.T * self.output_scale
         residual = float(self.delta_target)
-        # ŝ_t holds x̂_t + b_t: a change of x̂ comes with the change of b.
+        # ŝ = x̂ + b, so a change of x̂ needs the change of b as well.
         offset = baseline[:, 1:] - baseline[:, :-1] if self.delta_target else baseline[:, 1:]
         offset = offset + self.output.bias * self.output_scale
         if truth is not None:

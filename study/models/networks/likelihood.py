@@ -9,7 +9,7 @@ STD_POWER = 0.75
 """Exponent of the standard deviation in the weights of `weighted_log_score`."""
 
 MIN_VARIANCE = 1e-10
-"""Smallest variance of an error: keeps the logarithm finite."""
+"""Smallest variance of an error. It keeps the logarithm finite."""
 
 
 def gaussian_nll(standardized_square: Tensor, log_variance: Tensor) -> Tensor:
@@ -32,7 +32,7 @@ def optimal_variance_nll(squared_error: Tensor) -> Tensor:
 
     (Rybkin, Daniilidis and Levine, ICML 2021: the optimal σ-VAE.) The gradient of a logarithm is
     relative. So dimensions whose noise differs by orders of magnitude have equal weight from the
-    first step on, while a learned σ would first have to find these orders of magnitude.
+    first step on. A learned σ would first have to reach these orders of magnitude.
 
     Args:
         squared_error: E(s − ŝ)², the mean over the batch, [...].
@@ -45,7 +45,7 @@ def optimal_variance_nll(squared_error: Tensor) -> Tensor:
 
 
 def heteroscedastic_nll(error: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]:
-    """The β-NLL of errors with standard deviation σ e^w, at the best σ of the batch.
+    """The β-NLL of errors with standard deviation σ e^w, at the optimal σ of the batch.
 
         E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w,   σ² = E[(s − ŝ)² / e^2w]
 

@@ -13,7 +13,7 @@ class StackedLinear(nn.Module):
         members: M.
         inputs: I.
         outputs: O.
-        bias: whether the maps have biases. Without, `bias` is a parameter that stays 0.
+        bias: whether the maps have biases. If not, the parameter `bias` stays 0.
     """
 
     def __init__(self, members: int, inputs: int, outputs: int, bias: bool = True) -> None:

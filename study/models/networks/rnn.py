@@ -10,7 +10,7 @@ from study.models.networks.linear import StackedLinear
 class StackedRnn(nn.Module):
     """M independent recurrent networks for p_θ(s_{1:T} | s_0; a_{0:T-1}), computed together.
 
-    A GRU sees the action and its own last state, and outputs the change of the state:
+    The inputs of a GRU are the action and its own last state. Its output is the state's change:
 
         h_0 = tanh(s_0 W_0 + b_0)
         h_{t+1} = GRU([a_t, ŝ_t], h_t)
@@ -38,13 +38,13 @@ class StackedRnn(nn.Module):
         self.output = StackedLinear(members, hidden_size, state_size)
 
     def forward(self, s0: Tensor, actions: Tensor, truth: Tensor | None = None) -> Tensor:
-        """ŝ_{1:T} [M, B, T, D] in normalized units.
+        """ŝ_{1:T} [M, B, T, D] in normalised units.
 
         Args:
             s0: [M, B, D].
             actions: a_{0:T-1} [M, B, T, A].
-            truth: s_{0:T-1} [M, B, T, D]. With it each step starts at the true state (teacher
-                forcing), without it at the network's own prediction.
+            truth: s_{0:T-1} [M, B, T, D], the last states with teacher forcing. If None, each step
+                starts at the network's own prediction.
         """
         hidden = torch.tanh(self.initial_hidden(s0))
         weight_ih = torch.cat([self.gates_of_action.weight, self.gates_of_state.weight], dim=1)

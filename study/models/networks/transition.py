@@ -8,43 +8,43 @@ from study.data.normalization import Normalization
 from study.models.networks.linear import StackedLinear
 
 INPUT_GAIN = 3.0
-"""Factor on the initial weights of the first layer. A peg touches a ball within hundredths of the
-range of the states, and a network that is smooth at first takes long to learn this."""
+"""Factor on the initial weights of the first layer. A contact of a peg and a ball happens within
+hundredths of the range of the states. An initially smooth network learns contacts slowly."""
 
 LAYERS = 2
-"""Residual layers."""
+"""Number of residual layers."""
 
 RANGE_MARGIN = 0.02
 """Fraction of the range of the training states by which a forecast may exceed that range."""
 
 GRADIENT_DECAY = 0.8
-"""Factor on the gradient of a state, at every step back. The full gradient would be dominated by
-the few forecasts whose contacts have multiplied it many times."""
+"""Factor on the gradient of a state, at every step back. Every contact multiplies the gradient, so
+the few forecasts with many contacts would dominate the full gradient."""
 
 MAX_ROWS = 1024
-"""Trajectories that are forecast together: bounds the memory."""
+"""Largest number of trajectories in one batch of forecasts. It bounds the memory."""
 
 
 class TransitionDecoder(nn.Module):
     """ŝ_{t+1} from ŝ_t, s_0, the condition, the baseline's change and the noise of step t.
 
-    The decoder adds to a *baseline* b, as `GaussianDecoder` does. Its output is the change of
-    ε = s − b, in units of δ, the standard deviation of a state's change over one step:
+    The decoder adds its output to a *baseline* b, as `GaussianDecoder` does. The output is the
+    change of ε = s − b, in units of δ, the standard deviation of a state's change over one step:
 
         [l, u, v] = [f(ŝ_t), (b_{t+1} − b_t) / δ, c_t, ζ, s_0] W + w
         h_0 = u · silu(v),   h_i = h_{i−1} + silu(h_{i−1} W_i + w_i)
         o_t = l + h_L O + z_t R + (h_L · z_t P) Q
         ŝ_{t+1} = min(max(ŝ_t + δ · o_t + b_{t+1} − b_t, s_min), s_max)
 
-    - The product of two linear maps (Shazeer, arXiv:2002.05202) gives distances, and velocities of
-      points on rotating bodies, in one layer.
+    - The product of two linear maps (Shazeer, arXiv:2002.05202) represents distances, and
+      velocities of points on rotating bodies, in one layer.
     - The noise z_t of a step multiplies hidden units. So one step is Gaussian, with a variance that
       depends on the state. The persistent noise ζ is an input like the condition.
     - s_0 is an input, since a variable may return to its initial value (a wind to its mean).
     - The features f(ŝ) are ŝ and, for each angle ψ of `study.data.frames`, sin ψ, cos ψ, sin 2ψ and
       cos 2ψ: the rates of such an angle depend on the heading.
-    - States stay within the range of the training states and a margin. A flight that sinks ends on
-      the ground, and a fed back state cannot diverge.
+    - States stay within the range of the training states and a margin. So a sinking flight ends on
+      the ground, and a state that is fed back cannot diverge.
 
     Args:
         normalization: δ and the angles.
@@ -139,11 +139,11 @@ class TransitionDecoder(nn.Module):
         """
         inputs = torch.cat([self.features(state), baseline_change / self.delta_std, condition], -1)
         size = inputs.shape[-1]
-        of_inputs, of_start = self.skip.weight[:, :size], self.skip.weight[:, -self.size :]
-        skip = linear(inputs, of_inputs, self.skip.bias) + start @ of_start.T
+        input_weight, start_weight = self.skip.weight[:, :size], self.skip.weight[:, -self.size :]
+        skip = linear(inputs, input_weight, self.skip.bias) + start @ start_weight.T
         hidden = self._hidden(linear(inputs, self.gates.weight[:, :size], self.gates.bias))
         mean_weight, noise_weight = self.output.weight.T.chunk(2)
-        # (h · P_z) Q of all components of z together.
+        # (h · P_z) Q for all components of z at once.
         gains = (self.noise_gain.weight[:, :, None] * noise_weight[:, None]).flatten(1)
         factor = (hidden @ gains).unflatten(1, (-1, self.size)) + self.noise_shift.weight.T
         return skip + hidden @ mean_weight, factor
@@ -157,7 +157,7 @@ class TransitionDecoder(nn.Module):
         return torch.cat([state, sin, cos, 2 * sin * cos, cos * cos - sin * sin], -1)
 
     def _unroll(self, s0: Tensor, baseline: Tensor, condition: Tensor, noise: Tensor) -> Tensor:
-        # l in units of the state, and with ŝ_t added through an identity in the weights.
+        # An identity in the weights adds ŝ_t to l, and l is in units of the state.
         scale, identity = self.delta_std, torch.eye(self.features_size, self.size, device=s0.device)
         weight = torch.cat([self.skip.weight * scale[:, None], self.gates.weight]).T
         features_weight, inputs_weight = weight.tensor_split([self.features_size])
@@ -166,17 +166,17 @@ class TransitionDecoder(nn.Module):
         persistent, normal = noise.tensor_split([self.persistent_size], dim=-1)
         start = s0[:, None].expand(-1, baseline_change.shape[1], -1)
         inputs = torch.cat([baseline_change / scale, condition, persistent, start], -1)
-        # Everything but the state is known for all steps, and is computed for all steps together.
-        known = inputs @ inputs_weight + torch.cat([self.skip.bias * scale, self.gates.bias])
-        skip, gates = known.tensor_split([self.size], dim=-1)
-        known = torch.cat([skip + scale * self.noise_shift(normal) + baseline_change, gates], -1)
+        # Only the state depends on earlier steps. All other terms are computed for all steps first.
+        terms = inputs @ inputs_weight + torch.cat([self.skip.bias * scale, self.gates.bias])
+        skip, gates = terms.tensor_split([self.size], dim=-1)
+        terms = torch.cat([skip + scale * self.noise_shift(normal) + baseline_change, gates], -1)
         output_weight = self.output.weight.T * scale
         state, states = s0, []
-        for known_t, gain in zip(known.unbind(1), self.noise_gain(normal).unbind(1), strict=True):
+        for terms_t, gain in zip(terms.unbind(1), self.noise_gain(normal).unbind(1), strict=True):
             previous = state.view_as(state)
             if previous.requires_grad:
                 previous.register_hook(_decay)
-            preactivation = torch.addmm(known_t, self.features(previous), features_weight)
+            preactivation = torch.addmm(terms_t, self.features(previous), features_weight)
             skip, gates = preactivation.tensor_split([self.size], dim=-1)
             hidden = self._hidden(gates)
             state = torch.addmm(skip, torch.cat([hidden, hidden * gain], -1), output_weight)
