@@ -38,6 +38,7 @@ OUTCOMES = {
     Outcome.NOT_RUN: "scores that it needs are missing",
 }
 
+TITLE = "# Verdicts on the claims of the paper"
 TERMS = {
     "claim": "a statement of the results section of the paper (V) that scores can decide",
     "check": "a statement of this study that is judged like a claim",
@@ -105,9 +106,11 @@ def _plain(finding: Finding) -> dict[str, Any]:
 
 def to_markdown(verdicts: Sequence[Verdict]) -> str:
     """A summary, a table of claims, the terms, and the findings with links to figures."""
+    if not verdicts:
+        return f"{TITLE}\n\nThe paper says nothing about the environments of this study.\n"
     return "\n".join(
         [
-            "# Verdicts on the claims of the paper",
+            TITLE,
             "",
             _summary(verdicts),
             "",

@@ -41,7 +41,8 @@ MODULES = (
 COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}
 
 STUDY_FLAGS = {
-    "--config": "YAML file of settings; configs/quick.yaml by default",
+    "--config": "YAML file of settings; by default those of the study in OUT, if --out is given "
+    "and has one, or else configs/quick.yaml",
     "--out": "results folder; results/NAME by default",
     "--only": "cells whose name matches, such as 'pusher/high/*'",
 }
@@ -52,7 +53,8 @@ usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VA
 
 {commands}
 
-  --config FILE    settings; configs/quick.yaml if not given (also: smoke, paper, ablations)
+  --config FILE    settings, such as configs/paper.yaml; if not given, those of the study in DIR,
+                   or else configs/quick.yaml
   --out DIR        results folder; results/NAME if not given
   --only PATTERN   some cells only: 'pusher/high/*', '*/residual_vae/*'
 
@@ -126,8 +128,9 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     if sum(argument.startswith("--config=") for argument in rest) > 1:
         raise BadInput("--config: given twice; give one file, and flags for what is different")
     values = parser.parse_args(rest)
-    config = read_config(values.config, texts)
-    out = Path(values.out) if values.out else Path("results") / config.name
+    out = Path(values.out) if values.out else None
+    config = read_config(values.config, texts, out)
+    out = out or Path("results") / config.name
     return command.read_options(values, config=config, out=out, only=values.only)
 
 

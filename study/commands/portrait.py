@@ -6,6 +6,8 @@ from typing import Annotated
 
 from study.commands.command import Argument, Command, Flag, StudyOptions
 from study.commands.terminal import Bar, console
+from study.common.errors import BadInput
+from study.common.files import why_not_writable
 
 DETAILS = """\
 The page has pictures of the system, its variables with units, its noise, and how uncertain its
@@ -41,6 +43,8 @@ def run(options: Options) -> int:
     for name in names:
         simulators[name]
     folder = options.to or options.out / "environments"
+    if problem := why_not_writable(folder):
+        raise BadInput(f"{'--to' if options.to else '--out'}: {problem}")
     with Bar(console()) as bar:
         written = write_page(options.config.collect, names, folder, bar)
     print(*written, sep="\n")

@@ -12,7 +12,7 @@ from study.common.errors import BadInput, StudyError
 from study.config.grid import cells, select
 from study.config.settings import Config, Engine
 from study.results import checksums, timings
-from study.results.folder import check_writable, create
+from study.results.folder import check_writable, create, write_run_settings
 from study.results.protection import why_refused
 from study.results.publish import Records, publish
 from study.workflow.engine import workers
@@ -54,6 +54,7 @@ def run(options: Options) -> int:
         raise BadInput(f"--out: {refused}; give another --out")
     create(out)
     with locked(out):
+        write_run_settings(out, config)
         write_cache(config, records, store)
         store.remove_progress()
         tasks = topological_order(records[cell] for cell in chosen)

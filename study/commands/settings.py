@@ -14,6 +14,7 @@ from study.config import strict_yaml
 from study.config.settings import Config
 from study.config.tree import config_of, flatten, known_settings, unknown_setting, values_of
 from study.config.values import allowed, check_setting, takes_text
+from study.results.folder import stored_settings
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEFAULT = CONFIGS / "quick.yaml"
@@ -59,18 +60,24 @@ def split(
     return texts, rest
 
 
-def read_config(file: str | None, texts: Texts) -> Config:
+def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Config:
     """The checked settings of a file and of flags, after importing the plugins.
 
     Args:
-        file: a YAML file; None for ``configs/quick.yaml``.
+        file: a YAML file; None for the settings of the study in `out`, or if there is none for
+            ``configs/quick.yaml``.
         texts: of the flags.
+        out: a results folder.
 
     Raises:
         BadInput: a setting is unknown or has a value that is not allowed.
     """
-    path = Path(file) if file is not None else DEFAULT
-    content = _read_file(path)
+    stored = stored_settings(out) if file is None and out is not None else None
+    if stored is None:
+        path = Path(file) if file is not None else DEFAULT
+        content = _read_file(path)
+    else:
+        path, content = stored
     import_plugins_of(content, texts)
     return config_of(flatten(content, f" in {path}") | _values(texts))
 

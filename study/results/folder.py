@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from study.common.errors import BadInput, StudyError, explain, nearest
-from study.common.files import read_json, why_not_writable
+from study.common.files import read_json, why_not_writable, write_json
 from study.common.plugins import import_plugins
 from study.config.grid import Cell, among, cells
 from study.config.settings import Config
@@ -20,6 +20,7 @@ from study.results.origin import from_json as origin_from_json
 FORMAT = 1
 """Version of the layout of a results folder. Other versions are neither read nor overwritten."""
 STUDY = "study.json"
+RUN_SETTINGS = Path("work") / "settings.json"
 STUDY_RECORDING = Path("recordings") / "study.rrd"
 RUN_AGAIN = "python -m study.run all writes it again"
 
@@ -89,6 +90,31 @@ def settings_of(config: Config) -> dict[str, Any]:
     settings = to_json(config)
     settings.pop("engine")
     return settings
+
+
+def write_run_settings(out: Path, config: Config) -> None:
+    """Note the settings of a run that begins, since ``study.json`` is written at its end."""
+    write_json(out / RUN_SETTINGS, settings_of(config))
+
+
+def stored_settings(out: Path) -> tuple[Path, dict[str, Any]] | None:
+    """The settings of the last run in a results folder, as JSON, and the file that has them.
+
+    Returns:
+        None if the folder has no study.
+
+    Raises:
+        BadInput: the file is damaged.
+    """
+    for name in (RUN_SETTINGS, STUDY):
+        path = out / name
+        if path.is_file():
+            try:
+                content = read_json(path)
+                return path, dict(content if name == RUN_SETTINGS else content["settings"])
+            except (ValueError, KeyError, TypeError):
+                raise BadInput(f"{path} is damaged; give the settings with --config") from None
+    return None
 
 
 def check_writable(out: Path) -> None:

@@ -17,12 +17,14 @@ import pandas as pd
 
 from study import __version__
 from study.claims import report
+from study.claims.judge import CLAIMS as ALL_CLAIMS
 from study.claims.judge import judge
 from study.common.errors import StudyError
 from study.common.files import read_json, replacing, write_json, write_text
 from study.common.plugins import reason
 from study.common.provenance import made_with
 from study.config.grid import Cell
+from study.config.names import ENVIRONMENTS
 from study.config.settings import Config
 from study.results.folder import FORMAT, STUDY, STUDY_RECORDING, settings_of
 from study.results.origin import Origin, of_tasks, to_json
@@ -129,8 +131,12 @@ def write(summary: Summary, out: Path) -> None:
 
 
 def write_claims(scores: pd.DataFrame, out: Path) -> None:
-    """Write the verdict on every claim, as JSON and as a page."""
-    verdicts = judge(scores)
+    """Write the verdict on every claim, as JSON and as a page.
+
+    A study with none of the paper's environments has no claims.
+    """
+    is_of_paper = scores.environment.isin(ENVIRONMENTS).any()
+    verdicts = judge(scores, ALL_CLAIMS if is_of_paper else ())
     write_text(out / CLAIMS, report.to_json(verdicts))
     write_text(out / VERDICTS, report.to_markdown(verdicts))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from study import envs
 from study.common.files import write_text
 from study.common.progress import Progress
 from study.common.seeds import derive
@@ -23,17 +24,17 @@ from study.envs.observe import observe_scenarios, real_system
 INTRODUCTION = """\
 # The environments
 
-An environment is a simulated system in which an agent tries to reach a goal. Its physics runs in
-MuJoCo, with noise. A scenario can be simulated any number of times, so the true distribution of its
-outcome is known. The environments do not depend on the forecasters and can be used without them:
+An environment is a simulated system in which an agent tries to reach a goal, with noise. A scenario
+can be simulated any number of times, so the true distribution of its outcome is known. The
+environments do not depend on the forecasters and can be used without them:
 
 ```python
 import gymnasium
 from study.common.seeds import spawn
 from study.envs import simulators
-
+{registers}
 # One trajectory, step by step.
-env = gymnasium.make("{id}", render_mode="rgb_array")
+env = gymnasium.make("{id}"{pictures})
 observation, info = env.reset(seed=0)
 
 # Many trajectories, with the same dynamics.
@@ -49,9 +50,13 @@ rollout = simulator.rollout(scenarios.s0, actions, seeds)  # rollout.states is [
 - A **rollout** executes the plan open loop in the noisy system.
 
 A scenario or a rollout depends on its own seed alone. Batch size, order and number of threads have
-no effect. The tests in `tests/envs/` compare the physics with conservation laws, formulas and
-independent implementations, and the Gymnasium environments with the batched simulators. The
-benchmarks in `tests/benchmarks/` measure the speed.
+no effect.
+"""
+
+OF_THE_STUDY = """
+The physics of the study's own environments runs in MuJoCo. The tests in `tests/envs/` compare it
+with conservation laws, formulas and independent implementations, and the Gymnasium environments
+with the batched simulators. The benchmarks in `tests/benchmarks/` measure the speed.
 
 The command `portrait` writes such a page. The first line writes the page of the study's own
 environments, the second one a page about an environment of `study/examples/`:
@@ -61,6 +66,7 @@ python -m study.run portrait --config configs/paper.yaml --to study/envs
 python -m study.run portrait cart --plugins '[study.examples.cart]'
 ```
 """
+"""Only of the environments that come with the study: not said of a user's."""
 
 SECTION = """
 ## {title}
@@ -115,8 +121,7 @@ def write_page(
     Raises:
         StudyError: OpenGL is not available.
     """
-    first = simulators[names[0]]
-    text = [INTRODUCTION.format(id=gymnasium_id(first), name=first.name)]
+    text = [introduction(names)]
     pictures: list[Path] = []
     for number, name in enumerate(names):
         part = progress.part(number / len(names), (number + 1) / len(names))
@@ -137,6 +142,21 @@ def write_page(
     page = folder / "README.md"
     write_text(page, "".join(text))
     return [page, *pictures]
+
+
+def introduction(names: Sequence[str]) -> str:
+    """The page without the sections of the environments `names`."""
+    first = simulators[names[0]]
+    modules = dict.fromkeys(simulators[name].__module__ for name in names)
+    foreign = [module for module in modules if module.rpartition(".")[0] != envs.__name__]
+    registers = "".join(f"import {module}  # registers its environment\n" for module in foreign)
+    text = INTRODUCTION.format(
+        id=gymnasium_id(first),
+        name=first.name,
+        registers=registers,
+        pictures="" if first().scene() is None else ', render_mode="rgb_array"',
+    )
+    return text if foreign else text + OF_THE_STUDY
 
 
 def describe(simulator: Simulator) -> str:

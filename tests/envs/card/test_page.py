@@ -1,6 +1,8 @@
 """The page about environments: its facts, and the committed page against the code."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from study.data.trajectories import ScenarioSet, concatenate
 from study.envs import simulator as simulator_module
 from study.envs import simulators
 from study.envs.card.facts import measure, rows
-from study.envs.card.page import INTRODUCTION, describe, tables
+from study.envs.card.page import OF_THE_STUDY, describe, introduction, tables
 from study.envs.observe import observe_scenarios
 from study.examples.cart import Cart
 from tests.helpers.running import study
@@ -52,6 +54,7 @@ def test_events_are_counted_over_rollouts_and_scenarios() -> None:
     assert sum(events[name].share for name in names) == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_page_with_its_pictures(tmp_path: Path) -> None:
     smoke = ("--config", "configs/smoke.yaml", "--plugins=[study.examples.cart]")
     done = study("portrait", "cart", *smoke, "--to", tmp_path)
@@ -66,6 +69,10 @@ def test_the_command_writes_a_page_with_its_pictures(tmp_path: Path) -> None:
         assert f"(pictures/cart_{picture}.png)" in text
         assert (tmp_path / "pictures" / f"cart_{picture}.png").stat().st_size > 1000
     assert "unknown environment 'cartt'" in study("portrait", "cartt", *smoke).err
+    assert OF_THE_STUDY.strip().splitlines()[0] not in text
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
@@ -73,7 +80,7 @@ def test_the_command_writes_a_page_with_its_pictures(tmp_path: Path) -> None:
 def test_the_committed_page_is_of_this_code(name: str) -> None:
     """Text and tables are those of the code; the facts are reproduced with fewer rollouts."""
     page, cls = PAGE.read_text(), simulators[name]
-    assert page.startswith(INTRODUCTION.format(id="study/Pusher-v0", name="pusher"))
+    assert page.startswith(introduction(["pusher", "uav"]))
     section = page[page.index(f"## {cls.title}\n") :].split("\n## ")[0]
     assert describe(cls()) in section
     assert tables(cls()) in section
