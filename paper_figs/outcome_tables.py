@@ -21,7 +21,7 @@ from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
 from paper_figs.scores import environments, forecasters, levels, read_scores, rollouts
 from study.common.arrays import Doubles
-from study.config.names import ORACLE, label, markdown
+from study.config.names import ORACLE, label, markdown, uncertainty
 from study.metrics.brier import SMALLEST_RANGE, brier_oracle, skill
 from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.table import LEVELLESS
@@ -194,7 +194,7 @@ def to_latex(environment: str, tables: Tables, with_terms: bool) -> str:
     heads += _term_heads(with_terms)
     lines = ["% needs \\usepackage{booktabs}"]
     for level, table in tables.items():
-        caption = f"Forecasts of outcomes, {label(environment)}, {label(level)} uncertainty."
+        caption = f"Forecasts of outcomes, {label(environment)}, {uncertainty(level)}."
         lines += [
             "\\begin{table*}",
             f"\\caption{{{caption} {latex(' '.join(_notes({level: table}, with_terms)))}}}",

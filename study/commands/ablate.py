@@ -48,9 +48,10 @@ each change (in brackets), with the same budget. All scores are on validation sc
 set was not used. A dash (–) means that a change does not concern a model.
 
 - **MMD²**, averaged over the horizon and the dimensions of the state: 0 is ideal.
-- **skill**: Brier skill score of the goal's outcome, 0 for the climatology and 1 for an oracle.
-- **variance ratio**: forecast variance / true variance from the tenth step on, the median of steps
-  and dimensions: 1 is ideal.
+- **skill** of the fair Brier score of the goal: 0 for the climatology, 1 for the expected score of
+  the oracle.
+- **variance ratio**: forecast variance / true variance, the median over dimensions and over the
+  steps from the eleventh on: 1 is ideal.
 """
 
 Variants = Mapping[str, Mapping[Cell, Task]]
@@ -141,7 +142,7 @@ def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
     lines = [EXPLANATION]
     for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
         of_table = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
-        lines += [f"## {label(environment)}, {level} epistemic", ""]
+        lines += [f"## {label(environment)}, {label(level)}", ""]
         lines += [*_table(of_table, variants, scores), ""]
     seeds = len({cell.seed for cell in grid})
     lines.append(

@@ -32,6 +32,11 @@ LABELS = {
 }
 
 
+def uncertainty(level: str) -> str:
+    """`low epistemic uncertainty`, in text; of a level beyond the paper's, its label."""
+    return f"{label(level)} uncertainty" if level in LEVELS else label(level)
+
+
 def label(name: str) -> str:
     """The label of a name in text: of a new name, the name without underscores."""
     return LABELS.get(name, name.replace("_", " "))

@@ -1,5 +1,6 @@
 """The style of all figures: the same colour for a model, and the same line for a level."""
 
+import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.style.core import STYLE_BLACKLIST
 
 from study.plotting import lines
 from study.plotting.palette import Colour, model_colours
@@ -61,10 +63,10 @@ COLOURS = colours(())
 def line(model: str, level: str) -> dict[str, Any]:
     """Matplotlib's settings for the curve of a model at a level; see `study.plotting.lines`."""
     style = lines.line_of(model, level)
-    if not style.dashed:
+    if not style.dashes:
         return {"linestyle": "-", "linewidth": style.width}
     # White gaps make a dashed line visible on top of a solid one.
-    return {"linestyle": DASHES, "linewidth": style.width, "gapcolor": "white"}
+    return {"linestyle": (0, style.dashes), "linewidth": style.width, "gapcolor": "white"}
 
 
 def columns(handles: Sequence[Artist]) -> int:
@@ -78,8 +80,15 @@ def figure(height: float) -> Figure:
 
 
 def context() -> mpl.RcParams:
-    """The settings of all figures, for ``with mpl.rc_context(context()):``."""
-    return mpl.RcParams(SETTINGS)
+    """The settings of all figures, for ``with mpl.rc_context(context()):``.
+
+    Those that are not in `SETTINGS` are Matplotlib's defaults, and not those of a ``matplotlibrc``.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpl.MatplotlibDeprecationWarning)
+        defaults = {name: mpl.rcParamsDefault[name] for name in mpl.rcParamsDefault}
+    defaults = {name: defaults[name] for name in defaults.keys() - STYLE_BLACKLIST}
+    return mpl.RcParams(defaults | SETTINGS)
 
 
 def save(drawing: Figure, stem: Path) -> list[Path]:

@@ -10,11 +10,18 @@ from study.plotting import lines, style
 
 def test_the_line_shows_the_level() -> None:
     low, high = lines.line_of(RESIDUAL, "low"), lines.line_of(RESIDUAL, "high")
-    assert not low.dashed
-    assert high.dashed
+    assert not low.dashes
+    assert high.dashes
     assert high.width < low.width
     assert style.line(RESIDUAL, "low") == {"linestyle": "-", "linewidth": low.width}
     assert style.line(RESIDUAL, "high")["linestyle"] == style.DASHES
+
+
+def test_a_level_of_ones_own_has_a_pattern_of_its_own() -> None:
+    dashes = {level: lines.line_of(RESIDUAL, level).dashes for level in ("low", "high", "tiny")}
+    assert len(set(dashes.values())) == 3
+    assert lines.line_of(RESIDUAL, "tiny") == lines.line_of(RESIDUAL, "tiny")
+    assert lines.line_of(ORACLE, "tiny") == lines.line_of(ORACLE, "low")
 
 
 def test_references_are_thin_and_the_oracle_has_no_level() -> None:
