@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -37,6 +39,28 @@ def test_the_command_of_the_page_runs(tmp_path: Path) -> None:
     scores = pd.read_parquet(tmp_path / "scores.parquet")
     assert set(scores.environment) == {"cart"}
     assert {"drift", "probabilistic_mlp", "oracle"} <= set(scores.model)
+
+
+@pytest.mark.slow
+def test_the_steps_from_a_copy_to_a_scored_cell(tmp_path: Path) -> None:
+    """In a folder of one's own, in other processes, with the worker processes of Dask."""
+    steps = "".join(re.findall(r"^```sh\n(.*?)^```", PAGE.read_text(), re.M | re.S))
+    small = [flag for flag in SMALL if "kind" not in flag] + ["--engine.workers=1"]
+    script = (
+        steps.replace("study/examples/", f"{PAGE.parent}/")
+        .replace("python ", f"{shlex.quote(sys.executable)} ")
+        .replace("all --name", f"all {shlex.join(SMOKE)} --name")
+        .replace("--collect.trajectories 500", shlex.join(small))
+    )
+    done = subprocess.run(
+        ["bash", "-e", "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done
+    assert done.stderr == ""
+    assert re.match(r"\d+ stages to run", done.stdout), "the two checks print nothing"
+    scores = pd.read_parquet(tmp_path / "mine" / "results" / "mine" / "scores.parquet")
+    assert set(scores.environment) == {"my_cart"}
+    assert {"my_drift", "probabilistic_mlp", "oracle"} <= set(scores.model)
 
 
 @pytest.mark.parametrize("module", [cart, drift])
