@@ -78,7 +78,8 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
             for model, forecasts in cell.items():
                 _curve(panel, forecasts, model, palette[model])
             _histograms(strip, [cell.get(m) for m in present], [palette[m] for m in present])
-            panel.set_title(f"{label(environment)}, {label(level)}", loc="left")
+            separator = ", " if len(shown) < 3 else ",\n"  # three titles need two lines each
+            panel.set_title(f"{label(environment)}{separator}{label(level)}", loc="left")
         _legend(figure, present, palette, _counts(cells))
         return style.save(figure, stem)
 

@@ -17,11 +17,11 @@ import pandas as pd
 from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
 from paper_figs.scores import environments, forecasters, levels, read_scores
-from study.config.names import ORACLE, label
-from study.metrics.intervals import Interval, interval
+from study.config.names import ORACLE, label, uncertainty
+from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
-from study.metrics.variance import median_ratio
+from study.metrics.variance import FIRST_STEP, median_ratio
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ MEASURES = (
     Measure("mmd2_pooled", "MMD², pooled over scenarios", "0", 4),
     Measure("crps", "CRPS", "lowest"),
     Measure("energy_score", "energy score", "lowest"),
+    Measure("brier", "plain Brier score", "lowest"),
     Measure("brier_fair", "fair Brier score", "lowest"),
     Measure("coverage_50", "coverage of 50 % intervals", "0.50"),
     Measure("coverage_90", "coverage of 90 % intervals", "0.90"),
@@ -51,7 +52,7 @@ MEASURES = (
     Measure("nonfinite", "share of non-finite values", "0"),
 )
 VARIANCE_RATIOS = {"variance_ratio", "aleatoric_ratio"}
-"""Their entry is the median over seeds, all steps and all dimensions."""
+"""Their entry is `study.metrics.variance.median_ratio`."""
 
 Entry = Interval | float | None
 Table = dict[str, dict[str, Entry]]
@@ -102,8 +103,12 @@ def rows(scores: pd.DataFrame, environment: str, level: str) -> Table:
 def _entry(scores: pd.DataFrame, metric: str, environment: str, level: str, model: str) -> Entry:
     cell = (metric, environment, level, model)
     if metric in VARIANCE_RATIOS:
-        ratio = select(scores, *cell, by="dimension and step").to_numpy(np.float64)
-        return median_ratio(ratio) if np.isfinite(ratio).any() else None
+        ratio = select(scores, *cell, by="dimension and step")
+        if not ratio.notna().any(axis=None):
+            return None
+        return median_ratio(
+            ratio.to_numpy(np.float64), ratio.columns.get_level_values("step").to_numpy()
+        )
     by_scenario = select(scores, *cell).to_numpy(np.float64)
     if by_scenario.size:
         return interval(by_scenario)
@@ -147,7 +152,7 @@ def to_latex(environment: str, tables: dict[str, Table], shifts: dict[float, flo
     lines = ["% needs \\usepackage{booktabs}"]
     for level, table in tables.items():
         columns = list(next(iter(table.values()), {}))
-        caption = f"Scores, {label(environment)}, {label(level)} uncertainty."
+        caption = f"Scores, {label(environment)}, {uncertainty(level)}."
         heads = ["", "ideal", *(latex(title(column)) for column in columns)]
         lines += [
             "\\begin{table*}",
@@ -195,11 +200,11 @@ def _notes(tables: dict[str, Table], shifts: dict[float, float]) -> list[str]:
     seeds = sorted({entry.seeds for entry in entries})
     trained = " to ".join(map(str, seeds)) or "no"
     notes = [
-        f"{scenarios} scenarios, {trained} training seed{'' if seeds == [1] else 's'}; 95 % "
-        f"intervals over {'scenarios only' if seeds == [1] else 'seeds and scenarios'}. MMD² and "
-        "Brier score: no unit. CRPS and energy score: in standard deviations of the training data. "
-        "Ratios of variances: medians over seeds, all steps and all dimensions, where the true "
-        "variance is not negligible.",
+        f"{scenarios} scenarios, {trained} training seed{'' if seeds == [1] else 's'}; in brackets "
+        f"{basis(seeds)}. MMD² and Brier scores: no unit. CRPS and energy score: in standard "
+        "deviations of the training data. Ratios to the true variance: medians over seeds, "
+        f"dimensions and the steps from {FIRST_STEP} on, where the true variance is not "
+        "negligible. ∞ and −∞: some forecasts are not finite.",
         *beyond(model for table in tables.values() for row in table.values() for model in row),
     ]
     if shifts:

@@ -44,6 +44,15 @@ def failed_cells(results: Path) -> set[tuple[str, str, str]]:
     return {(environment, level, model) for environment, level, model, _ in parts}
 
 
+def rollouts(results: Path) -> int | None:
+    """The number of observed rollouts of each scenario, from ``study.json``; None without it."""
+    try:
+        study = json.loads((results / "study.json").read_text(encoding="utf-8"))
+        return int(study["settings"]["collect"]["rollouts"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def in_order(names: Iterable[str], first: Sequence[str]) -> list[str]:
     """The distinct names: first those in `first`, in its order, then the others, sorted."""
     present = set(names)

@@ -28,7 +28,7 @@ from paper_figs.scores import (
 )
 from study.claims.paper import BRIER
 from study.config.names import LEVELS, ORACLE, label
-from study.metrics.intervals import Interval, interval
+from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.table import select
 
 CLIMATOLOGY = "climatology"
@@ -132,7 +132,7 @@ def to_markdown(environment: str, table: dict[str, Row]) -> str:
     """A Markdown table with a title and notes."""
     columns = list(next(iter(table.values())))
     lines = [
-        f"# Brier scores, {label(environment)} (lower is better)",
+        f"# Plain Brier scores, {label(environment)} (lower is better)",
         "",
         f"| | {' | '.join(title(column) for column in columns)} |",
         "|---" * (len(columns) + 1) + "|",
@@ -160,7 +160,7 @@ def to_latex(environment: str, table: dict[str, Row]) -> str:
     lines = [
         "% needs \\usepackage{booktabs}",
         "\\begin{table*}",
-        f"\\caption{{Brier scores for {label(environment)} (lower is better). "
+        f"\\caption{{Plain Brier scores for {label(environment)} (lower is better). "
         f"{latex(' '.join([_counts(table), *_notes(table)]))}}}",
         f"\\label{{brier_{environment}}}",
         "\\centering",
@@ -207,10 +207,10 @@ def _counts(table: dict[str, Row]) -> str:
     ]
     seeds = " to ".join(map(str, sorted(set(trained)))) or "no"
     unit = "training seed" if seeds == "1" else "training seeds"
-    covered = "scenarios only" if seeds == "1" else "seeds and scenarios"
     return (
-        f"{scenarios} scenarios, {seeds} {unit}; in brackets 95 % intervals over {covered}. "
-        "Brier scores have no unit."
+        f"{scenarios} scenarios, {seeds} {unit}; in brackets {basis(set(trained))}. A plain Brier "
+        "score is the mean (p - o)², without unit; that of a forecast with few samples is higher "
+        "than that of its probability."
     )
 
 

@@ -2,17 +2,20 @@
 
     python -m paper_figs.variance_ratio results/paper
 
-One panel for each model. Ratios are averaged over seeds at each step and dimension; curves are
-medians over dimensions at each step, and shaded areas their ranges. Thick lines are the aleatoric
-forecast variance / true variance. Thin lines are the total forecast variance / true variance, for
-models with an ensemble. The ensemble alone has no aleatoric variance, so its line is the total. The
-ideal ratio is 1. An aleatoric ratio above 1 that is higher where there is less data shows that a
-model counts epistemic uncertainty twice. Dimensions with a negligible true variance at a step are
-left out there. The oracle, in every panel, shows the variation by chance.
+One panel for each model. Curves are medians over seeds and dimensions at each step, shaded areas
+the ranges of dimensions, averaged over seeds. Thick lines are the aleatoric forecast variance /
+true variance. Thin lines are the total forecast variance / true variance, for models with an
+ensemble. The ensemble alone has no aleatoric variance, so its line is the total. The ideal ratio is
+1. An aleatoric ratio above 1 that is higher where there is less data shows that a model counts
+epistemic uncertainty twice. Dimensions with a negligible true variance at a step are left out
+there. The oracle, in every panel, shows the variation by chance. A curve ends where a forecast is
+not finite. Tables have one number for a curve, its median from step 11 on
+(`study.metrics.variance`).
 """
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -27,6 +30,7 @@ from paper_figs.command import command
 from paper_figs.scores import environments, levels, models, read_scores
 from study.config.names import ORACLE, label
 from study.metrics.tables.table import select
+from study.metrics.variance import median_of_known
 from study.plotting import style
 
 ALEATORIC, TOTAL = "aleatoric_ratio", "variance_ratio"
@@ -91,27 +95,35 @@ def _panel(
             _by_step(scores, metric, environment, level, model) for metric in (ALEATORIC, TOTAL)
         )
         thick = total if aleatoric.empty else aleatoric
+        if thick.empty:
+            continue
         _range(axes, thick, palette[model])
-        axes.plot(thick.columns, thick.median(), color=palette[model], **of_level)
+        _curve(axes, thick, color=palette[model], **of_level)
         if not aleatoric.empty and not np.allclose(aleatoric, total, equal_nan=True):
             thin = of_level | {"linewidth": THIN}
-            axes.plot(total.columns, total.median(), color=palette[model], **thin)
+            _curve(axes, total, color=palette[model], **thin)
     reference = _by_step(scores, TOTAL, environment, levels(scores)[0], ORACLE)
     if not reference.empty:
         line = style.line(ORACLE, "low")
-        axes.plot(reference.columns, reference.median(), color=palette[ORACLE], **line)
+        _curve(axes, reference, color=palette[ORACLE], **line)
     axes.set_title(label(model), loc="left", color=palette[model])
 
 
 def _by_step(
     scores: pd.DataFrame, metric: str, environment: str, level: str, model: str
 ) -> pd.DataFrame:
-    """Ratios, dimensions × steps, averaged over seeds; empty for a cell without scores."""
+    """Ratios, seeds and dimensions × steps; empty for a cell without scores."""
     table = select(scores, metric, environment, level, model, by="dimension and step")
-    return table if table.empty else table.mean().unstack("step")
+    return table if table.empty else pd.DataFrame(table.stack("dimension", future_stack=True))
+
+
+def _curve(axes: Axes, values: pd.DataFrame, **line: Any) -> None:
+    """Plot the median at each step, over seeds and dimensions."""
+    axes.plot(values.columns, [median_of_known(v) for v in values.to_numpy().T], **line)
 
 
 def _range(axes: Axes, values: pd.DataFrame, colour: str) -> None:
+    values = values.groupby(level="dimension").mean()
     if len(values) > 1:
         axes.fill_between(
             values.columns, values.min(), values.max(), color=colour, alpha=0.13, linewidth=0

@@ -11,9 +11,10 @@ import pandas as pd
 
 from paper_figs.formatting import NOTHING, number, title
 from paper_figs.pages.marks import pipe_table
-from paper_figs.scores import read_scores
+from paper_figs.scores import read_scores, rollouts
 from study.claims.paper import BRIER
 from study.common.arrays import Doubles
+from study.common.errors import BadInput
 from study.common.files import read_json
 from study.config.names import (
     BEYOND,
@@ -29,7 +30,7 @@ from study.config.names import (
     RESIDUAL_CRPS,
     label,
 )
-from study.metrics.brier import skill
+from study.metrics.brier import brier_oracle, skill
 from study.metrics.intervals import difference
 from study.metrics.tables.table import select
 from study.metrics.variance import median_ratio
@@ -37,7 +38,7 @@ from study.metrics.variance import median_ratio
 CELLS = [(environment, level) for environment in ENVIRONMENTS for level in LEVELS]
 VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
 SECTIONS = {"Pusher (section V-A)": "V-A", "UAV (section V-B)": "V-B", "checks of our own": "ours"}
-METRICS = {"mmd2": "MMD²", "brier": "Brier score"}
+METRICS = {"mmd2": "MMD²", "brier": "plain Brier score"}
 CONTRASTS = (
     (FULL, RESIDUAL),
     (MLP, RESIDUAL),
@@ -60,8 +61,17 @@ class Study:
         """The rows of ``scores.parquet`` that the tables need."""
         scores = read_scores(self._folder)
         averaged = (scores["step"] == -1) & (scores["dimension"] == "all")
-        wanted = scores["metric"].isin(["mmd2", "brier", "brier_climatology"]) & averaged
+        metrics = ["mmd2", "brier", "brier_fair", "brier_climatology", "observed_probability"]
+        wanted = scores["metric"].isin(metrics) & averaged
         return scores[wanted | (scores["metric"] == "variance_ratio")]
+
+    @cached_property
+    def rollouts(self) -> int:
+        """Observed rollouts of each scenario."""
+        observed = rollouts(self._folder)
+        if observed is None:
+            raise BadInput(f"{self._folder / 'study.json'} lacks the setting collect.rollouts")
+        return observed
 
     @cached_property
     def claims(self) -> list[dict[str, Any]]:
@@ -107,21 +117,25 @@ class Study:
         return float(self.values(metric, environment, level, model).mean())
 
     def skill(self, environment: str, level: str, model: str) -> float:
-        """The Brier skill: 0 is the climatology, 1 the oracle."""
-        names = (model, ORACLE, CLIMATOLOGY)
-        score, oracle, climatology = (
-            self.mean("brier", environment, level, name) for name in names
+        """The skill of the fair Brier score: 0 is the climatology, 1 the oracle."""
+        cell = (environment, level)
+        observed = self.values("observed_probability", *cell, model)[0]
+        return skill(
+            self.mean("brier_fair", *cell, model),
+            float(brier_oracle(observed, self.rollouts).mean()),
+            self.mean("brier_climatology", *cell, model),
         )
-        return skill(score, oracle, climatology)
 
     def variance_ratio(
         self, environment: str, level: str, model: str, dimension: str | None = None
     ) -> float:
-        """Forecast variance / true variance: the median over steps, dimensions and seeds."""
+        """Forecast variance / true variance: `study.metrics.variance.median_ratio`."""
         ratios = select(
             self.scores, "variance_ratio", environment, level, model, by="dimension and step"
         )
-        return median_ratio((ratios[dimension] if dimension else ratios).to_numpy())
+        if dimension:
+            ratios = ratios[[dimension]]
+        return median_ratio(ratios.to_numpy(), ratios.columns.get_level_values("step").to_numpy())
 
 
 def tables(results: Path) -> dict[str, Callable[[], str]]:

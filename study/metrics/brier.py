@@ -4,13 +4,13 @@ See section IV-D of the paper. The forecast probability p of a scenario is the s
 samples in which the outcome happens. The score is the mean of (p - o)² over the outcomes o of all
 observed rollouts of the scenario.
 
-A sample with a non-finite value has no outcome. It counts as wrong against each observation: as
-success where the rollout failed, and as failure where the rollout succeeded.
+**Non-finite forecasts.** A sample with a non-finite value has no outcome. It counts as wrong
+against each observation: as success where the rollout failed, and as failure where the rollout
+succeeded. No outcomes in its place score worse.
 
-*Skill* places a mean score between that of the climatology (0) and that of the oracle (1). All
-tables use the function `skill`. The scores of forecaster and oracle must both be fair, or both be
-plain. Validation and ablations use fair scores, with `brier_oracle` for the oracle. Tables of
-outcomes and pages use plain scores, with the score of the oracle's samples.
+*Skill* places a mean score between that of the climatology (0) and that of the oracle (1). Tables,
+pages, validation and ablations define it alike: the function `skill` of the mean fair score
+(`brier_fair`), with the expected score of an oracle that knows the probabilities (`brier_oracle`).
 """
 
 import numpy as np
@@ -90,19 +90,26 @@ def climatology(observed: Array) -> Doubles:
     return per_scenario * (1 - base) ** 2 + (1 - per_scenario) * base**2
 
 
-def brier_oracle(observed: Array) -> Doubles:
+def brier_oracle(probability: Array, rollouts: int) -> Doubles:
     """Expected fair Brier score of each scenario [S] of the oracle: the variance of the outcome.
 
     The oracle forecasts the true probability of each scenario. The estimate is unbiased.
 
     Args:
-        observed: [S, L] bool, L ≥ 2, whether the outcome happens in each rollout.
+        probability: [S], the share of the observed rollouts in which the outcome happens.
+        rollouts: L ≥ 2, their number.
     """
-    return np.asarray(np.asarray(observed).var(1, ddof=1, dtype=np.float64))
+    share = np.asarray(probability, np.float64)
+    return share * (1 - share) * rollouts / (rollouts - 1)
 
 
 def skill(score: float, oracle: float, climatology: float) -> float:
-    """Skill of a mean Brier score: 0 for the climatology's score, 1 for the oracle's.
+    """Skill of a mean fair Brier score: 0 for the climatology's score, 1 for the oracle's.
+
+    Args:
+        score: the mean of `brier_fair`.
+        oracle: the mean of `brier_oracle`.
+        climatology: the mean of `climatology`.
 
     Returns:
         (climatology - score) / (climatology - oracle), or NaN where the oracle's score is less than

@@ -14,8 +14,10 @@ Coverage above p shows a variance that is too large (a hump). Ranks do not depen
 where the observed value never varies, the smallest error puts it outside. Read coverage with a
 score.
 
-**Non-finite forecasts.** Where any of the K samples is not finite there is no interval and coverage
-is 0. Half of the rollouts then count as below all samples, half as above.
+**Non-finite forecasts.** Where any of the K samples is not finite there is no interval. Coverage is
+then -∞, and so is each average that includes it. No finite forecast is farther from the nominal
+coverage. In the PIT histogram, which is no score, half of the rollouts then count as below all
+samples, half as above.
 """
 
 from collections.abc import Sequence
@@ -67,14 +69,14 @@ def rank_histogram(forecast: Array, observed: Array) -> Doubles:
 
 
 def coverage(ranks: Doubles, probability: float) -> Doubles:
-    """Coverage [...] of the central interval of a probability.
+    """Coverage [...] of the central interval of a probability; -∞ where a forecast is not finite.
 
     Args:
         ranks: [..., K+3], from `rank_histogram`, or an average of several.
         probability: of the interval, between 0 and 1.
     """
     ends = share_below(ranks, [(1 - probability) / 2, (1 + probability) / 2])
-    return ends[..., 1] - ends[..., 0]
+    return np.where(ranks[..., 0] > 0, -np.inf, ends[..., 1] - ends[..., 0])
 
 
 def pit(ranks: Doubles, bins: int = BINS) -> Doubles:

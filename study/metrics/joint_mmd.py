@@ -11,8 +11,9 @@ bandwidth h_d is the median distance in dimension d. For two typical rollouts th
 therefore about ½ for any D, and all dimensions have equal weight. The estimators are those of
 `study.metrics.mmd`.
 
-**Non-finite forecasts.** A state with a non-finite value in any dimension becomes one common state
-at infinity. Its kernel is 1 with itself and 0 with every finite state. No sample is dropped.
+**Non-finite forecasts.** A state with a non-finite value in any dimension has the kernel 1 with
+every forecast and 0 with every observed state, as in `study.metrics.mmd`. No finite state in its
+place scores worse. No sample is dropped.
 """
 
 import numpy as np
@@ -24,6 +25,7 @@ from study.metrics.mmd import (
     INFINITY,
     Discrepancy,
     OnProgress,
+    at_worst,
     check_inputs,
     discrepancy,
     normalize,
@@ -62,12 +64,14 @@ def joint_mmd(
     size = max(1, AT_ONCE // max(forecast.shape[1], rollouts) ** 2)
     for scenario, pair in enumerate(zip(forecast, observed, strict=True)):
         x, y = normalize(*pair, scale, joint)
-        x[(x == INFINITY).any(-1)] = INFINITY
+        not_finite = (x == INFINITY).any(-1)
+        x[not_finite] = INFINITY
         x, y = (np.ascontiguousarray(states.swapaxes(0, 1)) for states in (x, y))
         for start in range(0, steps, size):
             part = slice(start, start + size)
             for kind, (first, second) in enumerate(((x, x), (y, y), (x, y))):
                 means[kind, scenario, part] = _mean_gap(first[part], second[part])
+        means[0, scenario] = at_worst(means[0, scenario], not_finite.mean(0))
         if progress is not None:
             progress((scenario + 1) / scenarios)
     return discrepancy(Gaps(*means), forecast.shape[1], rollouts)

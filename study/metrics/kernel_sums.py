@@ -18,7 +18,8 @@ NFFTs", Journal of Numerical Mathematics 14, 2006. So few frequencies need no FF
 Values that are too far apart for one short series are divided into bins, no narrower than the
 kernel's reach. A value then has kernels above `ERROR` only with its own bin and the two next to it.
 
-All numbers are float64. The code runs in one thread and is exact to `ERROR`.
+All numbers are float64 and finite; others are refused. `study.metrics.mmd` has the rule for
+forecasts that are not finite. The code runs in one thread and is exact to `ERROR`.
 """
 
 from collections.abc import Iterator, Sequence

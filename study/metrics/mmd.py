@@ -15,8 +15,8 @@ The samples of one scenario, step and dimension are scalars. `study.metrics.kern
 computes the sums over pairs in linear time, exact to 1e-9.
 
 **Non-finite forecasts.** A value that is not finite, or lies more than 1e15 bandwidths from the
-observed values, becomes one common point at infinity. Its kernel is 1 with itself and 0 with every
-finite value. No finite forecast scores worse, and no sample is dropped.
+observed values, has the kernel 1 with every forecast and 0 with every observed value. These are the
+bounds of a kernel, so no finite values in its place score worse. No sample is dropped.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ PAIRS = 16
 """Pairs of observed rollouts of each scenario that the median heuristic uses."""
 
 INFINITY = 1e15
-"""Position of the point at infinity, in units of √2 bandwidths."""
+"""Position of values that are not finite, in units of √2 bandwidths: far from all others."""
 
 FACTORS = (0.5, 1.0, 2.0)
 """Multiples of the bandwidth at which `sensitivity` evaluates MMD."""
@@ -165,8 +165,10 @@ def pooled(
     for step in range(steps):
         x = forecast[:, :, step].reshape(scenarios * samples, dimensions)
         y = observed[:, :, step].reshape(scenarios * rollouts, dimensions)
-        parts = gaps(*normalize(x, y, scale, bandwidth))
-        means[:, step] = parts.among_x[0], parts.among_y[0], parts.across[0]
+        x, y = normalize(x, y, scale, bandwidth)
+        parts = gaps(x, y)
+        among_x = at_worst(parts.among_x[0], (x == INFINITY).mean(0))
+        means[:, step] = among_x, parts.among_y[0], parts.across[0]
         if progress is not None:
             progress((step + 1) / steps)
     return discrepancy(Gaps(*means), scenarios * samples, scenarios * rollouts)
@@ -228,6 +230,16 @@ def discrepancy(parts: Gaps, samples: int, rollouts: int) -> Discrepancy:
     return Discrepancy(squared, np.sqrt(np.maximum(biased, 0)))
 
 
+def at_worst(among_x: Doubles, not_finite: Doubles) -> Doubles:
+    """Means of 1 - k over all pairs of forecasts, if those not finite have the kernel 1 with all.
+
+    Args:
+        among_x: the means, if they have the kernel 0 with finite forecasts.
+        not_finite: the share of forecasts that are not finite, of the same shape.
+    """
+    return among_x - 2 * not_finite * (1 - not_finite)
+
+
 def normalize(
     samples: Array, rollouts: Array, scale: Array, bandwidth: Array
 ) -> tuple[Doubles, Doubles]:
@@ -258,8 +270,10 @@ def _gaps(
     means = np.empty((3, len(factors), scenarios, steps, dimensions))
     for scenario, (samples, rollouts) in enumerate(zip(forecast, observed, strict=True)):
         x, y = normalize(samples, rollouts, scale, bandwidth)
-        parts = gaps(x.reshape(len(x), -1), y.reshape(len(y), -1), factors)
-        for kind, part in enumerate((parts.among_x, parts.among_y, parts.across)):
+        x, y = x.reshape(len(x), -1), y.reshape(len(y), -1)
+        parts = gaps(x, y, factors)
+        among_x = at_worst(parts.among_x, (x == INFINITY).mean(0))
+        for kind, part in enumerate((among_x, parts.among_y, parts.across)):
             means[kind, :, scenario] = part.reshape(-1, steps, dimensions)
         if progress is not None:
             progress((scenario + 1) / scenarios)

@@ -32,6 +32,9 @@ in their place has three biases, each with its correction:
   identity: reliability + uncertainty - fair Brier score.
 
 All terms are unbiased, for bins by K - 1 samples. Each can be slightly negative.
+
+**Non-finite forecasts.** If any sample is not finite, reliability is ∞ and resolution -∞. No finite
+forecast has worse terms.
 """
 
 from dataclasses import dataclass
@@ -58,7 +61,7 @@ class Decomposition:
 
     @property
     def score(self) -> float:
-        """The mean Brier score."""
+        """The mean fair Brier score; ∞ if a sample is not finite."""
         return self.reliability - self.resolution + self.uncertainty
 
 
@@ -66,9 +69,6 @@ def decompose(
     forecast: Array, observed: Array, valid: Array | None = None, bins: int = BINS
 ) -> Decomposition:
     """The decomposition of the mean fair Brier score, unbiased in K, L and S (see the module).
-
-    In bins and differences, a non-finite sample counts as 1/2. The rest of its penalty in
-    `brier_fair` is added to the reliability.
 
     Args:
         forecast: [S, K] bool, K ≥ 2, whether the outcome happens in each sample.
@@ -81,9 +81,11 @@ def decompose(
     if scenarios < 2:
         return Decomposition(np.nan, np.nan, np.nan)
     frequency = np.asarray(observed, bool).mean(1)
+    base, variance = frequency.mean(), frequency.var(ddof=1)
+    uncertainty = float(base * (1 - base) + variance / scenarios)
+    if valid is not None and not np.all(valid):
+        return Decomposition(np.inf, -np.inf, uncertainty)
     sampled = np.asarray(forecast, np.float64)
-    if valid is not None:
-        sampled = np.where(valid, sampled, 0.5)
     total = sampled.sum(1)
     reliability = float(
         np.mean(
@@ -93,17 +95,7 @@ def decompose(
             ]
         )
     )
-    base, variance = frequency.mean(), frequency.var(ddof=1)
-    uncertainty = float(base * (1 - base) + variance / scenarios)
-    # The score with 1/2 for each non-finite sample; equals `score` if all samples are finite.
-    noise = sampled.var(1, ddof=1) / samples
-    error = (sampled.mean(1) - frequency) ** 2 + frequency * (1 - frequency)
-    score_of_halves = float((error - noise).mean())
-    return Decomposition(
-        reliability + score - score_of_halves,
-        reliability + uncertainty - score_of_halves,
-        uncertainty,
-    )
+    return Decomposition(reliability, reliability + uncertainty - score, uncertainty)
 
 
 def _squared_bias(difference: Doubles, group: Integers) -> float:

@@ -4,20 +4,19 @@ The simulator can repeat a scenario from the same s_0 and actions, so the true v
 
 A *variance ratio* is forecast variance / true variance, for each step and dimension [T, D]. Both
 variances are averages over scenarios of the unbiased variance within a scenario. Where the true
-variance is negligible the ratio is NaN. Each use has its own summary of steps and dimensions:
+variance is negligible the ratio is NaN.
 
-==========================  ===================  ==================================================
-use                         steps                summary
-==========================  ===================  ==================================================
-tables of scores, pages     all                  median over seeds, steps and dimensions
-validation, ablations       from `FIRST_STEP`    median over steps and dimensions
-figures                     each                 mean over seeds, then median over dimensions
-claims                      all                  by dimension: mean over steps of the log ratio
-scores.parquet, "all"       all, or each         mean over steps, dimensions or both
-==========================  ===================  ==================================================
+*The* variance ratio of a model is `median_ratio`: the median over seeds, dimensions and the steps
+from `FIRST_STEP` on. Tables, pages, `compare`, validation, ablations and recordings of the study
+show it. Three uses keep an axis, and say so:
 
-The medians of tables and validation are `median_ratio`, which a few large ratios do not change. The
-means of scores.parquet are `mean_of_known`.
+- Figures show each step: the median over seeds and dimensions (`median_of_known`).
+- Claims compare dimensions: the mean over all steps of the logarithm of the ratio.
+- Rows of scores.parquet over several steps or dimensions are means (`mean_of_known`).
+
+**Non-finite forecasts.** The variance of a forecast that is not finite is infinite, and so is each
+ratio, mean and median that includes it. No finite forecast is farther from 1. The epistemic part
+and its share are then NaN; they are no scores.
 """
 
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ NEGLIGIBLE = 0.01
 """A standard deviation below this share of the training data's is negligible."""
 
 FIRST_STEP = 11
-"""First step of the summary for validation, counted from 1: before it, noise has little effect."""
+"""First step of `median_ratio`, counted from 1: before it, noise has little effect."""
 
 
 def variance_ratio(forecast: Array, observed: Array, scale: Array) -> Doubles:
@@ -48,11 +47,25 @@ def variance_ratio(forecast: Array, observed: Array, scale: Array) -> Doubles:
     return _over_true(_infinite_if_not_finite(_mean_variance(forecast)), observed, scale)
 
 
-def median_ratio(ratio: Array) -> float:
-    """The median of all variance ratios [...] that are not NaN; NaN if all are."""
+def median_ratio(ratio: Array, step: Array) -> float:
+    """The median of variance ratios from `FIRST_STEP` on, as `median_of_known`.
+
+    Args:
+        ratio: [..., N], such as seeds × places; a place is a step and a dimension.
+        step: [N], the step of each place, counted from 1. If all are before `FIRST_STEP`, the last
+            one counts.
+    """
+    ratio, step = np.asarray(ratio, np.float64), np.asarray(step)
+    return median_of_known(ratio[..., step >= min(FIRST_STEP, step.max(initial=1))])
+
+
+def median_of_known(ratio: Array) -> float:
+    """The median of all ratios [...] that are not NaN; NaN if all are, infinite if any is."""
     ratio = np.asarray(ratio, np.float64)
     known = ratio[~np.isnan(ratio)]
-    return float(np.median(known)) if known.size else float("nan")
+    if not known.size:
+        return float("nan")
+    return float("inf") if np.isinf(known).any() else float(np.median(known))
 
 
 def mean_of_known(values: Array, axis: int | None = None) -> Doubles:

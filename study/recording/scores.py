@@ -63,7 +63,8 @@ the plots, **blue** is the average over all dimensions of the state, and grey is
 - **Reliability**: one faint dot for each scenario. Of all scenarios with a forecast probability p,
   a share p should succeed. The line joins the means of ten bins. Ideally it is the diagonal.
 - **Variance ratio**, on the tab *Variances*: forecast variance over observed variance. The ideal is
-  1; below, the forecast is overconfident, above, it is underconfident.
+  1; below, the forecast is overconfident, above, it is underconfident. Here it is an average over
+  all steps; the tables of the study have the median from step 11 on.
 - **Aleatoric ratio**: the same for the aleatoric part of the forecast variance. Above 1, the model
   counts a part of its epistemic uncertainty as noise.
 """

@@ -9,6 +9,7 @@ import pandas as pd
 import rerun as rr
 
 from study.config.names import ORACLE, label
+from study.metrics.variance import FIRST_STEP, median_ratio
 from study.plotting.lines import line_of
 from study.plotting.palette import REFERENCE, Colour, faint, model_colour_names, model_colours
 from study.recording import blueprints
@@ -26,6 +27,7 @@ _METRICS = {
     "coverage_90": ("coverage of 90 %", ".3f"),
     "variance_ratio": ("variance ratio", ".3g"),
 }
+_RATIO = "variance_ratio"
 # The MMD² of correct forecasts shifted by some standard deviations, from the oracle's scores.
 _SHIFTS = {f"mmd2_shift_{shift}": f"shift of {shift} sd" for shift in ("0.1", "0.3", "1")}
 # The viewer's points for a line of one point in a figure, and the opacity of dashed lines.
@@ -48,7 +50,7 @@ The panel *Legend* names the colours. Some lines are references to compare with:
   standard deviations of the observed states.
 """
 _LINES = """
-Thick: level low, trained on all data. Thin: level high, on a part of the data. Faint grey: the MMD²
+Thick: level low, trained on all data. Thin: other levels, on a part of the data. Faint grey: the MMD²
 of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
 """
 _BELOW = """
@@ -57,8 +59,9 @@ Below the plots: {titles}. *Cells* names the recordings of each cell.
 _CELLS = """
 # Cells
 
-MMD², Brier score, energy score and CRPS: lower is better. The coverage should be 0.9, and the
-variance ratio (forecast variance over observed variance) should be 1.
+MMD², plain Brier score, energy score and CRPS: lower is better. The coverage should be 0.9. The
+variance ratio should be 1. It is forecast variance over observed variance: the median over
+dimensions and over the steps from {first} on.
 
 The recordings of a cell are beside this one, in the folder of its name: `rerun CELL/KIND.rrd`, or
 `python -m study.run view CELL --kind KIND`. The training data of an environment are in
@@ -102,6 +105,8 @@ def record_study(
     cells = _cells(whole)
     curves = whole[whole["step"] > 0]
     overall = _overall(whole[whole["step"] == -1], cells)
+    if _RATIO in overall:
+        overall[_RATIO] = _median_ratios(scores, cells)
     texts = {**texts, "Cells": _cells_text(overall, path.parent)}
     panels = {title: entity_path("text", title) for title in texts}
     horizons = {str(name): int(rows.max()) for name, rows in curves.groupby("environment")["step"]}
@@ -135,7 +140,7 @@ def _log_curves(
         rows = curves[_is(curves, cell) & (curves["metric"] == "mmd2")].sort_values("step")
         send_scalars(stream, entity, TIMELINE, rows["step"], finite(rows["value"].to_numpy()))
         line, colour = line_of(cell.model, cell.level), colours[cell.model]
-        if line.dashed:
+        if line.dashes:
             colour = faint(colour, _DASHED)
         style_lines(stream, entity, [_curve_name(cell, seeds)], [colour], _SCALE * line.width)
 
@@ -217,6 +222,16 @@ def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
     return ordered.set_axis([cell.name for cell in cells])
 
 
+def _median_ratios(scores: pd.DataFrame, cells: list[_Cell]) -> list[float]:
+    """The variance ratio of each cell, as in the tables."""
+    places = scores[(scores["metric"] == _RATIO) & (scores["dimension"] != "all")]
+    places = places[places["step"] > 0]
+    return [
+        median_ratio(rows["value"].to_numpy(), rows["step"].to_numpy())
+        for rows in (places[_is(places, cell)] for cell in cells)
+    ]
+
+
 def _legend_text(cells: Iterable[_Cell]) -> str:
     """The colour of each model, in words, and the meaning of the lines."""
     models = list(dict.fromkeys(cell.model for cell in cells))
@@ -235,4 +250,4 @@ def _cells_text(overall: pd.DataFrame, folder: Path) -> str:
         kinds = sorted(file.stem for file in (folder / str(name)).glob("*.rrd"))
         numbers = [f"{value:{form}}" for value, form in zip(values, forms, strict=True)]
         rows.append((str(name), *numbers, ", ".join(kinds) or "none"))
-    return f"{_CELLS}\n{table(header, rows)}\n"
+    return f"{_CELLS.format(first=FIRST_STEP)}\n{table(header, rows)}\n"

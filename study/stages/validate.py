@@ -16,7 +16,7 @@ from study.data.kernel import Kernel
 from study.data.trajectories import ScenarioSet
 from study.envs import simulators
 from study.metrics.brier import brier_fair, brier_oracle, climatology, skill
-from study.metrics.variance import FIRST_STEP, median_ratio, variance_ratio
+from study.metrics.variance import median_ratio, variance_ratio
 from study.models.checkpoints import load_model
 from study.models.forecasting import forecast_in_parts
 from study.training.validation import validation_mmd2
@@ -35,12 +35,12 @@ def run(
     forecasts = forecast_in_parts(model, validation, settings.samples, seeds, progress)
     success = simulator.outcome(observed, validation.goal[:, None])
     forecast_success = simulator.outcome(forecasts, validation.goal[:, None])
-    oracle = brier_oracle(success).mean()
+    oracle = brier_oracle(success.mean(1), success.shape[1]).mean()
     reference = climatology(success).mean()
-    fair = brier_fair(forecast_success, success).mean()
+    finite = np.asarray(np.isfinite(forecasts).all((2, 3)))
+    fair = brier_fair(forecast_success, success, finite).mean()
     brier_skill = skill(float(fair), float(oracle), float(reference))
-    first = min(FIRST_STEP, forecasts.shape[2])
-    ratio = variance_ratio(forecasts, observed, kernel.scale)[first - 1 :]
+    ratio = variance_ratio(forecasts, observed, kernel.scale)
     write_json(
         out / "validation.json",
         {
@@ -48,6 +48,6 @@ def run(
             "mmd2": validation_mmd2(forecasts, observed, kernel),
             # Undefined where the outcome of every scenario is certain.
             "brier_skill": brier_skill if np.isfinite(brier_skill) else None,
-            "variance_ratio": median_ratio(ratio),
+            "variance_ratio": median_ratio(ratio.T, np.arange(1, len(ratio) + 1)),
         },
     )

@@ -117,7 +117,7 @@ def test_an_interval_that_contains_zero_contradicts_nothing(rule: Rule) -> None:
     ],
 )
 def test_the_rules(rule: Rule, ends: tuple[float, float], status: str) -> None:
-    effect = ends[0] if np.isinf(ends[1]) else np.mean(ends)
+    effect = ends[0] if np.isinf(ends[1]) else float(np.mean(ends))
     assert _status(rule, effect, *ends, margin=1.0) == status
 
 

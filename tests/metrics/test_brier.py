@@ -83,7 +83,9 @@ def test_skill_is_undefined_where_the_oracle_gains_nothing() -> None:
 
 def test_the_oracle_expects_the_fair_score_of_the_true_probability() -> None:
     observed = outcomes(40_000, 4, seed=0, p=0.3)
-    assert brier_oracle(observed).mean() == pytest.approx(0.3 * 0.7, abs=0.005)
+    of_oracle = brier_oracle(observed.mean(1), 4)
+    assert of_oracle.mean() == pytest.approx(0.3 * 0.7, abs=0.005)
+    np.testing.assert_allclose(of_oracle, observed.var(1, ddof=1))
     forecast = outcomes(40_000, 5, seed=1, p=0.3)
     assert brier_fair(forecast, observed).mean() == pytest.approx(0.3 * 0.7, abs=0.005)
 

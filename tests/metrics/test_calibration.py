@@ -115,7 +115,8 @@ def test_non_finite_forecasts_cover_nothing(bad: float) -> None:
     worst = np.eye(12)[[0, 11]].sum(0) / 2
     np.testing.assert_allclose(after[0], 0.75 * others[0] + 0.25 * worst)
     not_finite = rank_histogram(np.full_like(forecast, bad), observed)
-    assert not coverage(not_finite, 0.9).any()
+    assert (coverage(not_finite, 0.9) == -np.inf).all()
+    assert [np.isinf(value) for value in coverage(after, 0.9)[:, 0]] == [True, False]
     np.testing.assert_allclose(pit(not_finite)[..., [0, -1]], 0.5)
 
 

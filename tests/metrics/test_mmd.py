@@ -125,7 +125,7 @@ def test_non_finite_forecasts_are_the_worst_case(bad: float) -> None:
     observed = normal(1, 6, 1, 1)
     not_finite = np.full((1, 5, 1, 1), bad, np.float32)
     among = similarity(observed, np.ones(1), np.ones(1))
-    # Kernel 1 among themselves, 0 with the observed.
+    # Kernel 1 among forecasts, 0 with the observed.
     result = mmd(not_finite, observed, np.ones(1), np.ones(1))
     np.testing.assert_allclose(result.squared, 1 + among, atol=5e-9)
     # No finite forecast is worse, wherever it is.
@@ -138,7 +138,7 @@ def test_a_share_that_is_not_finite_costs_its_share() -> None:
     forecast, observed = normal(1, 5, 1, 1), normal(1, 6, 1, 1, seed=1)
     forecast[0, :2, 0, 0] = np.nan, np.inf
     x, y = forecast[0, 2:, 0, 0], observed[0, :, 0, 0]
-    pairs = 3 * mean_kernel(x, x, 1, True) + 1  # three finite pairs, one of the two at infinity
+    pairs = 3 * mean_kernel(x, x, 1, True) + 7  # three finite pairs, seven with kernel 1
     across = mean_kernel(x, y, 1, False) * 3 / 5
     expected = pairs / 10 + mean_kernel(y, y, 1, True) - 2 * across
     result = mmd(forecast, observed, np.ones(1), np.ones(1))

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from study.metrics.variance import (
+    FIRST_STEP,
     NEGLIGIBLE,
     aleatoric_ratio,
     decompose,
     epistemic_share,
     mean_of_known,
+    median_of_known,
     median_ratio,
     split,
     variance_ratio,
@@ -176,9 +178,22 @@ def test_a_decomposition_that_is_not_finite_or_negligible(ensemble: bool) -> Non
     assert [np.isnan(share.item(i)) for i in range(3)] == [True, True, False]
 
 
-def test_median_ratio_ignores_nan_and_a_few_large_values() -> None:
-    assert median_ratio(np.array([[1.0, np.nan, 3.0], [np.nan, 2.0, np.inf]])) == 2.5
-    assert np.isnan(median_ratio(np.full((2, 3), np.nan)))
+def test_the_median_ignores_nan_and_a_few_large_values_but_nothing_infinite() -> None:
+    ratio = np.array([[1.0, np.nan, 3.0], [np.nan, 2.0, 1e9]])
+    assert median_of_known(ratio) == 2.5
+    assert np.isnan(median_of_known(np.full((2, 3), np.nan)))
+    # One value in six that is not finite would move the median of ratios below 1 towards 1.
+    ratio[0, 1] = np.inf
+    assert median_of_known(ratio) == np.inf
+
+
+def test_the_main_ratio_is_from_the_first_step_on() -> None:
+    step = np.arange(1, 15)
+    ratio = np.stack([np.where(step < FIRST_STEP, 7.0, step), np.where(step < FIRST_STEP, 7, 2)])
+    assert median_ratio(ratio, step) == np.median([11, 12, 13, 14, 2, 2, 2, 2])
+    # A horizon that ends before: its last step.
+    assert median_ratio(ratio[:, :5] * step[:5], step[:5]) == 35
+    assert np.isnan(median_ratio(np.empty((2, 0)), np.empty(0)))
 
 
 def test_mean_of_known_values() -> None:

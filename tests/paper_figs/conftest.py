@@ -11,6 +11,7 @@ from study.metrics.tables.table import CELL, COLUMNS
 from tests.helpers.synthetic import scores
 from tests.paper_figs.known_scores import (
     FORECASTERS,
+    SAMPLES,
     cell_outcome_scores,
     write_forecast_scores,
 )
@@ -70,6 +71,7 @@ def outcome_scores() -> pd.DataFrame:
 def outcome_results(outcome_scores: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("outcomes")
     outcome_scores.to_parquet(folder / "scores.parquet")
+    write_json(folder / "study.json", {"settings": {"collect": {"rollouts": SAMPLES}}})
     return folder
 
 

@@ -19,6 +19,8 @@ DEVIATION = {RESIDUAL: 1.2, FULL: 0.4, ORACLE: 1.0}
 
 
 FORECASTERS = (RESIDUAL, FULL, MLP, ENSEMBLE, ORACLE)
+SAMPLES = 12
+"""Forecasts, and observed rollouts, of each scenario."""
 COMPLEMENT, CERTAIN = "keeps 20 % of charge", "stays_above 2 m"
 
 
@@ -59,7 +61,7 @@ def _forecast_scores(model: str, steps: int = 6) -> pd.DataFrame:
 
 
 def cell_outcome_scores(
-    model: str, seed: int, scenarios: int = 60, samples: int = 12
+    model: str, seed: int, scenarios: int = 60, samples: int = SAMPLES
 ) -> pd.DataFrame:
     """The oracle forecasts the true probabilities; other models are wrong in some scenarios.
 

@@ -3,10 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pytest
 
 from paper_figs import outcome_tables
 from study.config.names import ENSEMBLE, FULL, MLP, ORACLE, RESIDUAL
+from tests.paper_figs.known_scores import SAMPLES
 
 
 def entries(text: str, section: str) -> list[list[str]]:
@@ -46,9 +49,37 @@ def test_values_are_those_of_the_scores(
         terms = [f"{means[model, f'brier_{term}']:.3f}" for term in ("reliability", "resolution")]
         assert [text.replace("−", "-") for text in row[4:]] == terms
     skills = [float(row[3].replace("−", "-")) for row in rows[:6]]
-    assert skills[3] == 1
     assert skills[5] == 0
     assert skills[0] > skills[1] > skills[2]
+    # The variance of the outcome is what an oracle that knows the probabilities expects.
+    observed = chosen[(chosen.metric == "observed_probability") & (chosen.scenario >= 0)]
+    share = observed[(observed.model == ORACLE) & (observed.seed == 0)].value
+    oracle = (share * (1 - share)).mean() * SAMPLES / (SAMPLES - 1)
+    reference = means[ORACLE, "brier_climatology"]
+    for at, model in enumerate((RESIDUAL, FULL, MLP, ORACLE, ENSEMBLE)):
+        expected = (reference - means[model, "brier_fair"]) / (reference - oracle)
+        assert skills[at] == pytest.approx(expected, abs=0.005)
+    assert skills[3] == pytest.approx(1, abs=0.1)
+
+
+def test_a_study_that_lacks_the_number_of_rollouts_has_no_skill(
+    outcome_scores: pd.DataFrame, tmp_path: Path
+) -> None:
+    outcome_scores.to_parquet(tmp_path / "scores.parquet")
+    rows = entries(outcome_tables.plot(tmp_path)[0].read_text(), "Low epistemic")
+    assert {row[3] for row in rows[:5]} == {"—"}
+
+
+def test_a_forecast_that_is_not_finite_is_shown_as_such(
+    outcome_scores: pd.DataFrame, tmp_path: Path
+) -> None:
+    table = outcome_scores.copy()
+    lost = (table.model == FULL) & (table.seed == 0)
+    table.loc[lost & (table.metric == "brier_reliability"), "value"] = np.inf
+    table.loc[lost & (table.metric == "brier_resolution"), "value"] = -np.inf
+    table.to_parquet(tmp_path / "scores.parquet")
+    rows = entries(outcome_tables.plot(tmp_path)[0].read_text(), "Low epistemic")
+    assert rows[1][4:] == ["∞", "−∞"]
 
 
 def test_a_failed_cell_is_shown(outcome_results: Path) -> None:

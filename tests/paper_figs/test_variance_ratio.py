@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from paper_figs import variance_ratio
+from study.config.names import FULL
 from study.plotting import style
 from tests.paper_figs.known_scores import MMD2
 from tests.paper_figs.pictures import pixels_of, size_of
@@ -44,6 +46,20 @@ def test_without_the_aleatoric_ratio_the_total_is_shown(new_forecasts: Path) -> 
     # Without an ensemble the two ratios are equal, and so are their lines.
     without = pixels_of(variance_ratio.plot(new_forecasts)[0], colour)
     assert without == pytest.approx(expected, rel=0.1)
+
+
+def test_a_curve_ends_where_one_dimension_of_one_seed_is_not_finite(forecast_results: Path) -> None:
+    table = pd.read_parquet(forecast_results / "scores.parquet")
+    lost = (table.metric == "aleatoric_ratio") & (table.dimension == "speed") & (table.seed == 1)
+    table.loc[lost & (table.model == FULL) & (table.step > 3), "value"] = np.inf
+    ratios = variance_ratio._by_step(table, "aleatoric_ratio", "uav", "low", FULL)
+    axes = Figure().subplots()
+    variance_ratio._curve(axes, ratios)
+    curve = np.asarray(axes.lines[0].get_ydata())
+    np.testing.assert_array_equal(np.isinf(curve), [False] * 3 + [True] * 3)
+    places = table[(table.metric == "aleatoric_ratio") & (table.model == FULL)]
+    first = places[(places.dimension != "all") & (places.step == 1)].value
+    assert curve[0] == np.median(first)
 
 
 def test_infinite_and_undefined_ratios_are_left_out(new_forecasts: Path) -> None:

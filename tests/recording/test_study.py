@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 
 from study.config.grid import Cell
+from study.metrics.tables.table import select
+from study.metrics.variance import FIRST_STEP
 from study.recording.integrity import check
 from study.recording.study import record_study
 from tests.helpers import reading, recordings
@@ -45,10 +47,14 @@ def same_numbers(path: Path, table: pd.DataFrame) -> None:
         assert curve.index.name == "horizon"
         assert list(curve.index) == list(rows["step"])
         assert list(curve["value"]) == list(rows["value"])
-        for metric in ("mmd2", "brier", "variance_ratio"):
+        for metric in ("mmd2", "brier"):
             rows = of_cell[(of_cell["metric"] == metric) & (of_cell["step"] == -1)]
             overall = reading.scalars(path, f"/overall/{metric}")[cell.name]
             assert overall.item() == rows["value"].item()
+        names = (cell.environment, cell.level, cell.model)
+        ratio = select(table, "variance_ratio", *names, by="dimension and step").loc[cell.seed]
+        median = ratio[ratio.index.get_level_values("step") >= FIRST_STEP].median()
+        assert reading.scalars(path, "/overall/variance_ratio")[cell.name].item() == median
 
 
 def test_the_same_numbers_as_in_the_scores(path: Path) -> None:

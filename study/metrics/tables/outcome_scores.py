@@ -17,9 +17,9 @@ forecast_probability        by scenario: the share of samples that are finite an
 observed_probability        by scenario: the share of rollouts that succeed; goal by step
 ==========================  =======================================================================
 
-A sample with a non-finite value counts as wrong at every step. An outcome that always happens, or
-never, has an uncertainty and a climatology of 0, and its skill is NaN. With one scenario the terms
-of the decomposition are NaN.
+A sample with a non-finite value counts as wrong at every step. If there is one, brier_reliability
+is ∞ and brier_resolution -∞. An outcome that always happens, or never, has an uncertainty and a
+climatology of 0, and its skill is NaN. With one scenario the terms of the decomposition are NaN.
 """
 
 from collections.abc import Mapping

@@ -146,7 +146,10 @@ def test_non_finite_values_are_counted_and_penalised() -> None:
     assert overall(before, "nonfinite") == 0
     assert overall(scores, "brier") > overall(before, "brier")
     assert overall(scores, "mmd2") > overall(before, "mmd2")
+    assert overall(scores, "brier_reliability") == -overall(scores, "brier_resolution") == np.inf
+    assert overall(scores, "coverage_90") == -np.inf
     worst = {"variance_ratio", "aleatoric_ratio", "crps", "energy_score"}
+    worst |= {"brier_reliability", "brier_resolution", "coverage_50", "coverage_80", "coverage_90"}
     assert overall(scores, "crps") == overall(scores, "energy_score") == np.inf
     known = scores[~scores.metric.isin({*worst, "epistemic_share"})]
     assert np.isfinite(known["value"]).all()
