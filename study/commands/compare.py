@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DETAILS = """\
-Reads study.json, scores.parquet and trials.parquet of OUT. Scores are aggregated over scenarios,
-steps and dimensions as in the tables.
+Reads study.json, scores.parquet and trials.parquet of OUT. The scores are the rows of
+tables/scores_ENVIRONMENT.md for these cells alone: a mean over scenarios, steps and dimensions, or
+the median of a variance ratio over dimensions and steps from the eleventh on.
 
 example
   python -m study.run compare uav/low/residual_vae/seed-0 uav/low/full_vae/seed-0"""
@@ -78,10 +79,8 @@ def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
     table = pd.read_parquet(out / "scores.parquet")
     columns: dict[str, Column] = {}
     for cell in cells:
-        of_cell = _of_cell(table, cell)
-        whole = of_cell[(of_cell.dimension == "all") & (of_cell.step == -1)]
-        column = {"Brier score": _only(whole[(whole.metric == "brier") & (whole.scenario == -1)])}
-        by_metric = rows(of_cell, cell.environment, cell.level)
+        column: Column = {}
+        by_metric = rows(_of_cell(table, cell), cell.environment, cell.level)
         for measure in MEASURES:
             entry = by_metric.get(measure.metric, {}).get(cell.model)
             column[measure.name] = entry.estimate if isinstance(entry, Interval) else entry

@@ -11,10 +11,12 @@ from study.commands.compare import different_settings, scores
 from study.common.errors import BadInput
 from study.config.grid import Cell
 from study.metrics.intervals import Interval
+from study.metrics.variance import FIRST_STEP
 from study.results import folder
 from study.results.folder import Results
 from study.run import main
 from tests.helpers.recordings import scores as cell_scores
+from tests.helpers.running import configuration
 
 FIRST, SECOND = (Cell("pusher", "low", model, 0) for model in ("residual_vae", "full_vae"))
 BETAS = {FIRST: 0.5, SECOND: 2.0}
@@ -34,7 +36,7 @@ def results(tmp_path: Path) -> Results:
     pd.concat(trials).to_parquet(tmp_path / "trials.parquet")
     facts = {
         "format": folder.FORMAT,
-        "settings": {"vae": {"latent_size": 3}},
+        "settings": folder.settings_of(configuration("--vae.latent_size=3")),
         "cells": [FIRST.name, SECOND.name],
         "versions": {},
     }
@@ -54,7 +56,7 @@ def test_the_settings_that_differ(results: Results) -> None:
 
 def test_the_scores_are_aggregated_as_in_the_tables(results: Results) -> None:
     table = scores(results.out, [FIRST, SECOND])
-    assert list(table.loc["Brier score"]) == [0.171, 0.342]
+    assert list(table.loc["plain Brier score"]) == [0.171, 0.342]
     every = pd.read_parquet(results.out / "scores.parquet")
     of_paper = score_tables.rows(every, "pusher", "low")
     for measure in score_tables.MEASURES:
@@ -64,14 +66,14 @@ def test_the_scores_are_aggregated_as_in_the_tables(results: Results) -> None:
                 expected = entry.estimate if isinstance(entry, Interval) else entry
                 assert table.loc[measure.name, cell.name] == pytest.approx(expected)
     ratio = every[(every.metric == "variance_ratio") & (every.dimension != "all")]
-    median = ratio[(ratio.step > 0) & (ratio.model == FIRST.model)].value.median()
+    median = ratio[(ratio.step >= FIRST_STEP) & (ratio.model == FIRST.model)].value.median()
     assert table.loc["forecast variance / true variance", FIRST.name] == pytest.approx(median)
 
 
 def test_the_command_prints_both(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", FIRST.name, SECOND.name, "--out", str(results.out)]) == 0
     text = capsys.readouterr().out
-    for expected in (FIRST.name, SECOND.name, "beta", "Brier score", "0.171", "0.342"):
+    for expected in (FIRST.name, SECOND.name, "beta", "plain Brier score", "0.171", "0.342"):
         assert expected in text
 
 
