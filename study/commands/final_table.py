@@ -31,7 +31,9 @@ def print_table(
     errors: Mapping[Task, str],
     out: Path,
 ) -> None:
-    """Print β, MMD² and Brier score of every cell, and where the results are.
+    """Print β, MMD² and plain Brier score of every cell, and where the results are.
+
+    Lines below name the cells with forecasts or training losses that are not finite, and errors.
 
     Args:
         console: where to print.
@@ -42,7 +44,7 @@ def print_table(
         out: the results folder.
     """
     scores = _overall_scores(out / "scores.parquet")
-    title = f"{config.name}: MMD² and Brier scores (lower is better)"
+    title = f"{config.name}: MMD² and plain Brier scores (lower is better)"
     table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("cell", no_wrap=True)
     for column in ("β", "MMD²", "Brier", "oracle", "paper"):
@@ -59,10 +61,40 @@ def print_table(
             number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
         )
     console.print(table)
+    for line in not_finite(scores, records, store):
+        say(console, line)
     for name in ("claims.md", "tables", "figures", "recordings"):
         say(console, f"{name.removesuffix('.md'):11} {out / name}")
     for task, error in errors.items():
         say(console, f"FAILED {task.name}: {error}{_log(task, error, store)}")
+
+
+def not_finite(scores: Scores, records: Mapping[Cell, Task], store: Store) -> list[str]:
+    """A sentence for each cell with forecasts, and each fit with losses, that are not finite."""
+    lines = []
+    for cell in records:
+        share = _score(scores, cell, "nonfinite")
+        if share:
+            per_cent = f"{100 * share:.1f} %" if share >= 0.001 else "less than 0.1 %"
+            lines.append(f"{cell.name}: {per_cent} of its forecast values are not finite")
+    inputs = [(name, task) for record in records.values() for name, task in record.inputs.items()]
+    fits = dict.fromkeys(task for name, task in inputs if name in ("ensemble", "trained"))
+    counts = {fit: _losses_not_finite(store.folder(fit) / "metrics.csv") for fit in fits}
+    return lines + [
+        f"{fit.name}: {count} of its logged losses are not finite"
+        for fit, count in counts.items()
+        if count
+    ]
+
+
+def _losses_not_finite(curves: Path) -> int:
+    """How many values of training curves are not finite; 0 without curves."""
+    if not curves.is_file():
+        return 0
+    lines = curves.read_text(encoding="utf-8").splitlines()[1:]
+    # Lightning leaves an entry empty where a curve has no value.
+    entries = [entry for line in lines for entry in line.split(",") if entry]
+    return sum(not np.isfinite(float(entry)) for entry in entries)
 
 
 def number(value: float | None, digits: int) -> str:
