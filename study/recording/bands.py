@@ -1,4 +1,4 @@
-"""Bands: quantiles of observed and forecast states over the horizon, one plot a dimension."""
+"""Bands: quantiles of observed and forecast states over the horizon, by dimension."""
 
 import numpy as np
 import rerun as rr
@@ -11,7 +11,7 @@ from study.recording.streams import finite, send_scalars, style_lines
 TIMELINE = "horizon"
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 NAMES = [f"{source} {share:.0%}" for source in ("observed", "forecast") for share in QUANTILES]
-# Most steps that a band has. Bands are smooth, and make up half of a forecast recording.
+# Largest number of steps of a band. Bands are half of a forecast recording, and they are smooth.
 _STEPS = 40
 _WIDTHS = (0.8, 1.5, 3.0, 1.5, 0.8)
 _OPACITIES = (150, 200, 255, 200, 150)
@@ -20,12 +20,12 @@ _OPACITIES = (150, 200, 255, 200, 150)
 def quantiles(states: Floats) -> Doubles:
     """The quantiles `QUANTILES` [5, T, D] of states [K, T, D].
 
-    Values that are not finite are left out. Where no value is finite, the quantiles are NaN.
+    Values that are not finite are ignored. Where no value is finite, the quantiles are NaN.
     """
     table = finite(states)
-    lost = np.isnan(table).all(axis=0)
-    bands = np.nanquantile(np.where(lost, 0.0, table), QUANTILES, axis=0)
-    return np.where(lost, np.nan, bands)
+    undefined = np.isnan(table).all(axis=0)
+    bands = np.nanquantile(np.where(undefined, 0.0, table), QUANTILES, axis=0)
+    return np.where(undefined, np.nan, bands)
 
 
 def log_bands(
@@ -33,8 +33,8 @@ def log_bands(
 ) -> None:
     """Log the bands of one dimension as ten lines of one entity, named as in `NAMES`.
 
-    One entity for all ten keeps the file small: each entity costs more than its numbers. Of a
-    horizon longer than 40 steps, every second (third, …) step is recorded, the last one included.
+    All ten lines share one entity, since an entity takes more space than its numbers. Of a horizon
+    longer than `_STEPS`, only every second (third, …) step is recorded, including the last one.
 
     Args:
         stream: the recording.
@@ -42,8 +42,8 @@ def log_bands(
         observed: [5, T], from `quantiles`.
         forecast: [5, T].
     """
-    # The viewer could shade between quantiles of `Measurements`. Beside `Scalars` of one entity,
-    # however, it shades around every line, and the forecast would look wider than it is.
+    # The viewer can shade between the quantiles of `Measurements`. With two distributions in one
+    # entity it shades around every line, and the forecast would look too uncertain.
     colours = [faint(colour, opacity) for colour in (OBSERVED, FORECAST) for opacity in _OPACITIES]
     style_lines(stream, entity, NAMES, colours, _WIDTHS * 2)
     horizon = observed.shape[1]
@@ -54,10 +54,10 @@ def log_bands(
 
 
 def axis_range(observed: Doubles, forecast: Doubles) -> tuple[float, float] | None:
-    """The y axis of a plot of bands [5, T]: the observed range, and at most as much on each side.
+    """The y axis of a plot of bands [5, T]: at most three times the observed range.
 
-    A forecast that has diverged leaves the view, and does not flatten the observed bands. The
-    result is None where the viewer's own choice shows the same, since an axis takes a kilobyte.
+    So a forecast that has diverged does not flatten the observed bands. The result is None if the
+    viewer's default axis shows the same, since an axis takes a kilobyte.
     """
     if not np.isfinite(observed).any():
         return None

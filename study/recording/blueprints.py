@@ -20,7 +20,7 @@ Range = tuple[float, float]
 Band = tuple[str, str, Range | None]
 """Title, entity and y axis of a plot; None leaves the axis to the viewer."""
 
-# Most lines of a legend; a longer one covers the plot.
+# Largest number of lines of a legend. A longer legend covers the plot.
 _LEGIBLE = 15
 # The views of a training recording. A metric is in the first view of which its name has a word.
 _TRAINING_VIEWS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -68,11 +68,11 @@ def plot(
     """A plot of curves over the timeline.
 
     Args:
-        name: its title.
+        name: the title.
         contents: the entities of the curves.
-        span: the range of the y axis; None leaves it to the viewer, as does `times`.
+        span: the range of the y axis; None for the viewer's default.
         legend: the corner of the legend; None for no legend.
-        times: the range of the x axis.
+        times: the range of the x axis; None for the viewer's default.
     """
     return rrb.TimeSeriesView(
         origin="/",
@@ -90,7 +90,7 @@ def chart(name: str, origin: str) -> rrb.View:
 
 
 def grid(views: Sequence[rrb.View], columns: int, name: str | None = None) -> rrb.Container:
-    """Views in rows of `columns`. A single view in the last row is as wide as the whole row."""
+    """Views in rows of `columns`. A single view in the last row fills the row."""
     if columns == 1 or len(views) < columns or len(views) % columns != 1:
         return rrb.Grid(*views, grid_columns=min(columns, len(views)), name=name)
     rows = len(views) // columns
@@ -99,7 +99,7 @@ def grid(views: Sequence[rrb.View], columns: int, name: str | None = None) -> rr
 
 
 def training(metrics: Sequence[str]) -> rrb.Blueprint:
-    """Training: a view for each kind of metric. The number of the epoch is left out."""
+    """Training: a view for each kind of metric, without the number of the epoch."""
     groups: dict[str, list[str]] = {}
     for metric in metrics:
         if metric.strip("/").split("/")[-1] == "epoch":
@@ -166,7 +166,7 @@ def forecast(
         eyes: the viewpoint of each scene, by root.
         split: the roots with a variance that is split into aleatoric and epistemic.
         columns: of plots of bands.
-        rows: of plots of bands; further plots are on further tabs.
+        rows: of plots of bands on a tab; further plots are on further tabs.
     """
     tabs = []
     for title, root in roots.items():
@@ -206,22 +206,22 @@ def scores(pages: Mapping[str, Mapping[str, Sequence[str]]], reliability: bool) 
         tabs.append(grid(views, 2, title))
     if not tabs:
         return blueprint("horizon", readme())
-    shown = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
-    return blueprint("horizon", rrb.Horizontal(readme(), shown, column_shares=[1, 3]))
+    content = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
+    return blueprint("horizon", rrb.Horizontal(readme(), content, column_shares=[1, 3]))
 
 
 def _score_plot(name: str, entities: Sequence[str]) -> rrb.View:
-    """A plot of a metric; a ratio has a fixed range, since its first steps can be far off."""
+    """A plot of a metric. The y axis of a ratio is fixed, since its first steps can be extreme."""
     contents = [f"{entity}/**" for entity in entities]
     span = (0.0, 4.0) if "ratio" in name else None
-    # A single curve needs no legend, and a long legend covers the plot: hovering names a curve.
+    # A single curve needs no legend. A long legend covers the plot; hovering shows the names too.
     dimensions = [e for e in entities if not e.endswith(("/all", "/reference"))]
     legend = rrb.Corner2D.RightTop if 2 <= len(dimensions) <= 7 else None
     return plot(name, contents, span=span, legend=legend)
 
 
 def _pages(items: Sequence[Band], most: int) -> list[list[Band]]:
-    """The items on as few pages of at most `most` items as possible, of nearly equal length."""
+    """Divide the items into as few pages of at most `most` items as possible, of similar length."""
     count = -(-len(items) // most)
     length = -(-len(items) // count)
     return [list(items[start : start + length]) for start in range(0, len(items), length)]
@@ -301,7 +301,7 @@ def study(
                 entities,
                 span=span,
                 legend=rrb.Corner2D.RightTop if legible else None,
-                # Room for the legend beside the curves.
+                # A third of the axis is free for the legend.
                 times=(1, 4 * horizon // 3 if legible else horizon),
             )
         )

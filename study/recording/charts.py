@@ -1,6 +1,6 @@
-"""Scatter and line charts in a 2D view of Rerun, whose own plots have time as their only x axis.
+"""Scatter and line charts in a 2D view of Rerun, since the x axis of Rerun's plots is always time.
 
-A chart is a box of 1.6 × 1 units, in which the axes place the data. The y axis points up.
+A chart is a box of 1.6 × 1 units. The y axis points up.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ class Axis:
     """One axis of a chart.
 
     Attributes:
-        label: its text.
-        low: the value at its lower end.
-        high: the value at its upper end.
-        logarithmic: whether its scale is logarithmic.
+        label: the text of the axis.
+        low: the value at the lower end.
+        high: the value at the upper end.
+        logarithmic: whether the scale is logarithmic.
     """
 
     label: str
@@ -37,7 +37,7 @@ class Axis:
 
     @classmethod
     def around(cls, label: str, values: ArrayLike, logarithmic: bool = False) -> "Axis":
-        """The axis that spans the finite values, with a margin."""
+        """An axis from the smallest to the largest finite value, with a margin."""
         numbers = np.asarray(values, dtype=np.float64)
         numbers = numbers[np.isfinite(numbers) & ((numbers > 0) | (not logarithmic))]
         if not numbers.size:
@@ -49,7 +49,7 @@ class Axis:
         margin = 0.05 * (high - low) or 0.1 * abs(high) or 1.0
         return cls(label, low - margin, high + margin)
 
-    def place(self, values: ArrayLike) -> Doubles:
+    def positions(self, values: ArrayLike) -> Doubles:
         """The positions of values [N] on the axis, from 0 at `low` to 1 at `high`."""
         numbers = np.asarray(values, dtype=np.float64)
         low, high = self.low, self.high
@@ -79,24 +79,24 @@ class Chart:
     x: Axis
     y: Axis
 
-    def place(self, x: ArrayLike, y: ArrayLike) -> Floats:
+    def points(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Points [N, 2] of the view from x [N] and y [N], without those that are not finite."""
-        points = np.column_stack([WIDTH * self.x.place(x), -self.y.place(y)])
+        points = np.column_stack([WIDTH * self.x.positions(x), -self.y.positions(y)])
         return points[np.isfinite(points).all(axis=1)].astype(np.float32)
 
     def log_axes(self, stream: rr.RecordingStream, entity: str) -> None:
         """Log the frame, the grid, the ticks and the labels."""
         frame = [[[0, 0], [WIDTH, 0], [WIDTH, -1], [0, -1], [0, 0]]]
-        grid = [[[WIDTH * p, 0], [WIDTH * p, -1]] for p in self.x.place(self.x.ticks())]
-        grid += [[[0, -p], [WIDTH, -p]] for p in self.y.place(self.y.ticks())]
+        grid = [[[WIDTH * p, 0], [WIDTH * p, -1]] for p in self.x.positions(self.x.ticks())]
+        grid += [[[0, -p], [WIDTH, -p]] for p in self.y.positions(self.y.ticks())]
         lines = rr.LineStrips2D(
             [np.array(strip, dtype=np.float32) for strip in [*frame, *grid]],
             colors=[FRAME] + [faint(FRAME, 60)] * len(grid),
             radii=rr.Radius.ui_points([1.0] + [0.5] * len(grid)),
         )
         stream.log(f"{entity}/frame", lines, static=True)
-        marks = [([WIDTH * self.x.place(t), 0.03], f"{t:g}") for t in self.x.ticks()]
-        marks += [([-0.08, -self.y.place(t) - 0.02], f"{t:g}") for t in self.y.ticks()]
+        marks = [([WIDTH * self.x.positions(t), 0.03], f"{t:g}") for t in self.x.ticks()]
+        marks += [([-0.08, -self.y.positions(t) - 0.02], f"{t:g}") for t in self.y.ticks()]
         marks += [([WIDTH / 2, 0.11], self.x.label), ([0.06, -1.12], self.y.label)]
         labels = rr.Points2D(
             np.array([position for position, _ in marks], dtype=np.float32),

@@ -26,28 +26,29 @@ from study.recording.streams import (
 
 KIND = "data"
 TIMELINE = "step"
-# Bodies smaller than this share of the paths' extent need a close-up.
+# Bodies need a close-up if they are smaller than this share of the paths' extent.
 _TINY = 0.02
 # Opaque, since the viewer darkens transparent lines in 3D.
 _OTHERS = (120, 120, 120, 255)
-# Most plots on a page.
+# Largest number of plots on a page.
 _PLOTS = 8
 
 _README = """
 # Training data
 
-The models of this environment learn from trajectories of the real system. Each has its own initial
-state, target and noise. The actions are planned on the system without noise, and then executed with
-noise. Each of the first tabs shows one trajectory in **orange**, and all others here in **grey**.
+The models of this environment learn from trajectories of the real system. The trajectories differ
+in initial state, target and noise. The actions are planned on the system without noise, and then
+executed with noise. Each of the first tabs shows one trajectory in **orange**, and the other
+trajectories of this recording in **grey**.
 """
 _HOW_TO_READ = """
 **Orange** is this trajectory, **grey** are the other trajectories of this recording.
 
 - *Paths*: the trajectories in 3D. The orange dot and the bodies show this trajectory at the time
   cursor. **Green** is its target, and the sphere in which the goal counts as reached. Green dots
-  are the targets of the others.
-{close_up}- *Distance to the target*: the goal succeeds where the line falls below the green one.
-- *Actions* and *State*, on the right: a model receives the actions, and forecasts the state.
+  are the targets of the other trajectories.
+{close_up}- *Distance to the target*: the goal is reached where the line falls below the green line.
+- *Actions* and *State*, on the right: the actions are inputs of a model, which forecasts the state.
 """
 _OF_CLOSE_UP = "- *Close-up*: the bodies at the time cursor. The view moves along with them.\n"
 
@@ -57,9 +58,9 @@ class _Selected:
     """A trajectory with a tab.
 
     Attributes:
-        row: its number among the trajectories.
+        row: number of the trajectory.
         title: of the tab.
-        rule: why it was selected.
+        rule: the predicate by which the trajectory was selected, as text.
     """
 
     row: int
@@ -68,18 +69,18 @@ class _Selected:
 
     @property
     def root(self) -> str:
-        """The entity above all that belongs to the trajectory."""
+        """The parent of all entities of the trajectory."""
         return entity_path(self.title.lower().replace(" ", "_"))
 
 
 def record_data(
     path: Path, simulator: Simulator, trajectories: Trajectories, properties: Properties
 ) -> None:
-    """Write the recording of some trajectories; about 20 show how they vary.
+    """Write the recording of some trajectories. About 20 are enough to show their variation.
 
-    `/state/NAME` and `/action/NAME` hold a column for each trajectory on the timeline `step`; an
-    action is at the step from which it leads. `/unobserved/NAME` holds a value for each trajectory
-    on the timeline `trajectory`. Values that are not finite are left out.
+    `/state/NAME` and `/action/NAME` hold a column for each trajectory on the timeline `step`.
+    Action a_t is at step t. `/unobserved/NAME` holds a value for each trajectory on the timeline
+    `trajectory`. Values that are not finite become NaN.
 
     Args:
         path: the recording.
@@ -101,18 +102,19 @@ def record_data(
         dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
         stream.log("/paths/targets", dots, static=True)
         _log_signals(stream, simulator, trajectories, distance, selected)
-        for one in selected:
-            about = _about(simulator, trajectories, one, close_up is not None)
-            write_markdown(stream, f"{one.root}/about", about)
-            paths.log_target(stream, f"{one.root}/paths/target", targets[one.row], simulator.radius)
-            _log_trajectory(stream, one.root, simulator, model, trajectories.states[one.row])
+        for item in selected:
+            about = _about(simulator, trajectories, item, close_up is not None)
+            write_markdown(stream, f"{item.root}/about", about)
+            target, entity = targets[item.row], f"{item.root}/paths/target"
+            paths.log_target(stream, entity, target, simulator.radius)
+            _log_trajectory(stream, item.root, simulator, model, trajectories.states[item.row])
 
 
 def _select(distance: Doubles) -> list[_Selected]:
-    """The trajectories that come closest to their target, come as close as the median, or least.
+    """The trajectories with the smallest, the median and the largest distance to the target.
 
     Args:
-        distance: [N, T+1] m, the distance of each trajectory to its target; NaN where unknown.
+        distance: [N, T+1] m, the distance of each trajectory to its target; NaN if not finite.
     """
     closest = _closest(distance)
     order = np.argsort(closest, kind="stable")
@@ -128,7 +130,7 @@ def _select(distance: Doubles) -> list[_Selected]:
 
 
 def _closest(distance: Doubles) -> Doubles:
-    """The least distance [N] m of each trajectory to its target; infinite where unknown."""
+    """The least distance [N] m of each trajectory to its target; infinite if none is finite."""
     return np.asarray(np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1))
 
 
@@ -141,35 +143,35 @@ def _design(
 ) -> rrb.Blueprint:
     """The layout, with pages for the signals and an eye for each scene."""
     plotted = tuple(v for v in simulator.state if v.name in simulator.plotted)
-    others = tuple(v for v in simulator.state if v.name not in simulator.plotted)
+    remaining = tuple(v for v in simulator.state if v.name not in simulator.plotted)
     pages = {
         "Actions and their effect" if plotted else "Actions": [
             *_signals("action", simulator.action),
             *_signals("state", plotted),
         ]
     }
-    state = _signals("state", others)
+    state = _signals("state", remaining)
     count = -(-len(state) // _PLOTS)
     for page in range(count):
         part = state[page * len(state) // count : (page + 1) * len(state) // count]
         pages[f"State {page + 1}" if count > 1 else "State"] = part
-    # Large bodies have to stay in view wherever they move. Small ones are visible in the close-up.
+    # Large bodies must stay in view on all paths. Small bodies are visible in the close-up.
     eyes = {
-        one.root: viewpoint.eye(
-            positions if close_up is None else positions[one.row], targets[one.row]
+        item.root: viewpoint.eye(
+            positions if close_up is None else positions[item.row], targets[item.row]
         )
-        for one in selected
+        for item in selected
     }
-    return blueprints.data({one.title: one.root for one in selected}, pages, eyes, close_up)
+    return blueprints.data({item.title: item.root for item in selected}, pages, eyes, close_up)
 
 
 def _signals(group: str, variables: tuple[Variable, ...]) -> list[tuple[str, str]]:
-    """Title and entity of each variable's plot, with its group: names of groups can coincide."""
+    """Title and entity of each variable's plot, with the group, since groups can share names."""
     return [(f"{group} {bands.title(v)}", entity_path(group, v.name)) for v in variables]
 
 
 def _close_up(model: mujoco.MjModel | None, positions: Floats) -> rrb.EyeControls3D | None:
-    """An eye near the bodies, if they are too small to be visible beside their paths, else None."""
+    """An eye near the bodies, if they are too small to be visible in a view of the paths."""
     if model is None:
         return None
     moving = scenes.moving_bodies(model)
@@ -192,7 +194,7 @@ def _log_signals(
     distance: Doubles,
     selected: list[_Selected],
 ) -> None:
-    """Log each signal of all trajectories, a column each, and again those of the selected ones."""
+    """Log each signal of all trajectories, and again the signals of the selected trajectories."""
     names = [f"trajectory {row}" for row in range(len(trajectories))]
     grey = [faint(OBSERVED, 110)] * len(names)
     signals: dict[str, Array] = {"distance": distance}
@@ -206,10 +208,10 @@ def _log_signals(
         steps = np.arange(values.shape[1])
         style_lines(stream, entity, names, grey, 0.8)
         send_scalars(stream, entity, TIMELINE, steps, values.T)
-        for one in selected:
-            of_one = f"{one.root}/{entity.strip('/')}"
-            style_lines(stream, of_one, [f"trajectory {one.row}"], [HIGHLIGHT], 2.5)
-            send_scalars(stream, of_one, TIMELINE, steps, values[one.row])
+        for item in selected:
+            item_entity = f"{item.root}/{entity.strip('/')}"
+            style_lines(stream, item_entity, [f"trajectory {item.row}"], [HIGHLIGHT], 2.5)
+            send_scalars(stream, item_entity, TIMELINE, steps, values[item.row])
     steps = np.arange(trajectories.horizon + 1)
     style_lines(stream, "radius", ["success"], [TARGET], 2.0)
     send_scalars(stream, "radius", TIMELINE, steps, np.full(len(steps), simulator.radius))
@@ -237,24 +239,27 @@ def _log_trajectory(
     dots = rr.Points3D.columns(positions=positions)
     stream.send_columns(f"{root}/paths/selected_dot", times, dots)
     # In a viewer without a window, an eye does not track an entity. So the origin of the view moves
-    # with the body. It does not turn, so that the body is seen to tilt.
+    # with the body. It does not rotate, so that a tilt of the body is visible.
     frame = rr.Transform3D.columns(translation=positions)
     stream.send_columns(f"{root}/{blueprints.FOLLOW}", times, frame)
     scenes.log_moving(stream, f"{root}/scene", simulator, model, states, TIMELINE)
 
 
-def _about(simulator: Simulator, trajectories: Trajectories, one: _Selected, close_up: bool) -> str:
+def _about(
+    simulator: Simulator, trajectories: Trajectories, item: _Selected, close_up: bool
+) -> str:
     """The panel of a selected trajectory: its outcome, its goal, and how to read its views."""
-    states, goal = trajectories.states[one.row], trajectories.goal[one.row]
+    states, goal = trajectories.states[item.row], trajectories.goal[item.row]
     success = bool(simulator.outcome(states[1:], goal))
     seconds = simulator.control_step * trajectories.horizon
     text = (
-        f"# {one.title}\n\nTrajectory {one.row}: of the {len(trajectories)} here it *{one.rule}*. "
+        f"# {item.title}\n\nOf the {len(trajectories)} trajectories of this recording, trajectory "
+        f"{item.row} *{item.rule}*. "
         f"The goal {'**succeeds**' if success else '**fails**'} within {seconds:.3g} s "
         f"({trajectories.horizon} steps of {simulator.control_step:g} s).\n\n"
         f"## Goal\n\n{_values(simulator.goal, goal)}\n"
         f"## Unobserved by the models\n\n"
-        f"{_values(simulator.unobserved, trajectories.unobserved[one.row])}"
+        f"{_values(simulator.unobserved, trajectories.unobserved[item.row])}"
         "- the goal, and the noise at each step\n\n"
     )
     how = _HOW_TO_READ.format(close_up=_OF_CLOSE_UP if close_up else "")
@@ -262,7 +267,7 @@ def _about(simulator: Simulator, trajectories: Trajectories, one: _Selected, clo
 
 
 def _values(variables: tuple[Variable, ...], values: Floats) -> str:
-    """Variables and their values as a Markdown list: in a narrow panel a table is cut off."""
+    """Variables and their values as a Markdown list, since a narrow panel cuts off a table."""
     return "".join(
         f"- {v.name} = **{value:.3g} {v.unit}**, {v.meaning}\n"
         for v, value in zip(variables, values, strict=True)

@@ -1,4 +1,4 @@
-"""The examples of a cell: scenarios that recordings and figures show, each chosen by a rule."""
+"""The examples of a cell: scenarios that recordings and figures show, chosen by rules."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,19 +20,20 @@ class Example:
     """One scenario with its observed and forecast trajectories, in SI units.
 
     Attributes:
-        title: a few words that name it.
-        description: a sentence that says where it comes from.
+        title: a few words.
+        description: a sentence about the origin of the example.
         s0: [D].
         actions: [T, A].
         goal: [G].
         observed: [K, T, D], the observed states s_1 … s_T.
         forecast: [K, T, D], the forecast states.
-        member: [K] integers, the ensemble member behind each forecast, or None. Numbers of M or
-            more stand for pairs of networks: the recurrent one is `member` mod M.
-        members: [M, T, D], the members' own forecasts, without noise, or None.
+        member: [K] integers, the ensemble member of each forecast; None without an ensemble. In an
+            ensemble of residual models, `member` mod M is the recurrent network.
+        members: [M, T, D], the forecast of each member without noise; None without an ensemble.
         aleatoric: [T], aleatoric variance of the forecast position in m², summed over its axes;
             None without an ensemble.
-        epistemic: [T], epistemic variance of the forecast position in m², likewise.
+        epistemic: [T], epistemic variance of the forecast position in m², summed over its axes;
+            None without an ensemble.
     """
 
     title: str
@@ -49,13 +50,15 @@ class Example:
 
 
 def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
-    """Up to `count` different scenarios by the rules that choose them.
-
-    A scenario that two rules choose has the name of the first rule.
+    """Select up to `count` different scenarios by rules.
 
     Args:
         scores: the tidy scores of one cell; see `study.metrics.tables.table`.
         count: the number of examples; fewer if the test set has fewer scenarios.
+
+    Returns:
+        the scenario by the name of its rule. If two rules select the same scenario, the first rule
+        counts.
     """
     mmd2 = np.nan_to_num(_by_scenario(scores, "mmd2"), nan=np.inf)
     forecast = _by_scenario(scores, "forecast_probability")
@@ -87,7 +90,7 @@ def _by_scenario(scores: pd.DataFrame, metric: str) -> Doubles:
 
 
 def read_examples(path: Path, scores: pd.DataFrame, simulator: Simulator) -> list[Example]:
-    """Read the examples that the stage evaluate wrote.
+    """Read the examples of the stage evaluate.
 
     Args:
         path: ``examples.safetensors``.
@@ -115,7 +118,7 @@ def read_examples(path: Path, scores: pd.DataFrame, simulator: Simulator) -> lis
 def build_example(
     arrays: Arrays, row: int, simulator: Simulator, title: str, description: str
 ) -> Example:
-    """The example in one row of the arrays that `study.models.forecasting.example_arrays` collects.
+    """The example in one row of the arrays of `study.models.forecasting.example_arrays`.
 
     With an ensemble, the variance of the position is split into its two parts.
     """
@@ -132,13 +135,13 @@ def position_variance(
 ) -> Decomposition:
     """Variance of the position in m², summed over its axes, and its parts, over the horizon [T].
 
-    The parts are unbiased: that the means of few samples differ by chance does not count as
-    epistemic. See `study.metrics.variance.decompose`.
+    The parts are unbiased: the sampling error of the members' means is subtracted from the
+    epistemic part. See `study.metrics.variance.decompose`.
 
     Args:
-        simulator: knows the position.
-        states: [K, T, D].
-        member: [K], the ensemble member behind each sample; None without an ensemble.
+        simulator: computes the position.
+        states: [K, T, D] in SI units.
+        member: [K], the ensemble member of each sample; None without an ensemble.
     """
     parts = decompose(simulator.position(states)[None], None if member is None else member[None])
     return Decomposition(*(part.sum(axis=-1) for part in vars(parts).values()))

@@ -26,14 +26,14 @@ from study.recording.variance_split import log_variance_split
 KIND = "forecast"
 TIMELINE = "horizon"
 PATHS = 20
-"""Most observed, and most forecast, paths in the 3D view. The other views use all samples."""
+"""Largest number of observed and of forecast paths in the 3D view. Other views use all samples."""
 
 
 README = """
 # Forecasts
 
-Each tab shows one scenario of the test set. The panel on its left says which, and by which rule it
-was chosen. From the same initial state s₀ and the same actions a₀ … a_{T−1}:
+Each tab shows one scenario of the test set. The panel on the left of the tab names the scenario and
+the rule by which it was chosen. From the same initial state s₀ and the same actions a₀ … a_{T−1}:
 
 - the real system was run K times (**observed**, grey);
 - the model forecast K trajectories (**forecast**, blue).
@@ -42,22 +42,22 @@ A perfect forecast has the same distribution as the observed trajectories.
 """
 _HOW_TO_READ = """
 **Grey** is observed, **blue** is forecast. All trajectories start in the same state and follow the
-same actions. A good forecast varies as much as the observed ones: neither more nor less.
+same actions. A good forecast has the same variance as the observed trajectories.
 
-- *Observed and forecast paths*: up to 20 of each in the 3D scene. Small dots show where some of
-  them are at the time cursor. **Green** is the target, and the sphere in which the goal counts as
-  reached. The bodies and the **yellow** dot replay one observed trajectory.
+- *Observed and forecast paths*: up to 20 observed and 20 forecast paths in the 3D scene. Small dots
+  show some of the trajectories at the time cursor. **Green** is the target, and the sphere in which
+  the goal counts as reached. The bodies and the **yellow** dot replay one observed trajectory.
 - *Probability of success so far*: the share of trajectories that have reached the target by each
   step.
 - *State*, on the right: one plot for each dimension of the state. The thick line is the median.
-  Half of the trajectories lie between the inner lines, and 90 % between the outer ones.
+  Half of the trajectories are between the inner lines, and 90 % between the outer lines.
 """
 _OF_MEMBERS = """
 ## The ensemble
 
-The ensemble has {members} members: networks that were trained alike and start from different random
-weights. In 3D each member has a colour. A **thick** line is the forecast of a member without noise,
-and **thin** lines of the same colour are samples around it.
+The ensemble has {members} members: networks with different initial weights and the same training.
+In 3D each member has a colour. A **thick** line is the forecast of a member without noise. The
+**thin** lines of the same colour are its samples.
 
 - *Epistemic* uncertainty is the difference between the thick lines. It comes from a lack of data.
 - *Aleatoric* uncertainty is the distance of the thin lines from their thick line. It is the noise
@@ -66,8 +66,8 @@ and **thin** lines of the same colour are samples around it.
 _OF_SPLIT = """
 *Standard deviation of the position* shows both parts over the horizon. Variances add up:
 total² = epistemic² + aleatoric². Observed trajectories differ by noise alone, so the aleatoric line
-(**yellow**) should lie on the observed one (**grey**). The epistemic line (**vermilion**) becomes
-lower with more data.
+(**yellow**) should agree with the observed line (**grey**). The epistemic line (**vermilion**)
+becomes lower with more data.
 """
 
 
@@ -81,23 +81,24 @@ def record_forecast(
 ) -> None:
     """Write the recording of some examples.
 
-    Below the entity of an example, named after its title: `/state/NAME` holds the quantiles of a
-    dimension, `/success/observed` and `/success/forecast` the probability of success so far, and
-    `/position_std` the standard deviation of the position. The timeline is `horizon`, from 1 to T.
+    The entity of an example has the name of its title. Below this entity, `/state/NAME` holds the
+    quantiles of a dimension. `/success/observed` and `/success/forecast` hold the probability of
+    success so far, and `/position_std` the standard deviation of the position. The timeline is
+    `horizon`, from 1 to T.
 
     Args:
         path: the recording.
         simulator: the real system.
-        examples: one tab each.
+        examples: the examples, with a tab for each.
         properties: of the recording.
         readme: Markdown of the README panel.
-        notes: Markdown that the panel of each example has before its explanation.
+        notes: Markdown before the explanation in the panel of each example.
     """
     titles = _titles(examples)
     roots = {title: entity_path(title.lower().replace(" ", "_")) for title in titles}
     quantiles = [(bands.quantiles(e.observed), bands.quantiles(e.forecast)) for e in examples]
     design = _design(simulator, examples, roots, quantiles)
-    # Hundreds of small entities: an index of them would be larger than their data.
+    # The index of hundreds of small entities would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, readme, properties)
         model = simulator.scene()
@@ -117,9 +118,9 @@ def success_so_far(simulator: Simulator, states: Floats, goal: Floats) -> Double
     """The share [T] of trajectories that have reached the target at or before each step.
 
     Args:
-        simulator: knows position, target and radius.
-        states: [K, T, D].
-        goal: [G].
+        simulator: computes position and target, and has the radius of the target.
+        states: [K, T, D] in SI units.
+        goal: [G] in SI units.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
@@ -171,7 +172,7 @@ def _design(
 def _log_about(
     stream: rr.RecordingStream, root: str, simulator: Simulator, example: Example, notes: str
 ) -> None:
-    """Log the panel of an example: where it comes from, its outcome, and how to read its views."""
+    """Log the panel of an example: its origin, its outcome, and how to read its views."""
     observed = success_so_far(simulator, example.observed, example.goal)[-1]
     forecast = success_so_far(simulator, example.forecast, example.goal)[-1]
     seconds = simulator.control_step * len(example.actions)
@@ -224,7 +225,7 @@ def _log_scene(
     model: mujoco.MjModel | None,
     example: Example,
 ) -> None:
-    """Log the moving bodies: in s_0 at time 0, then along the first observed trajectory."""
+    """Log the moving bodies, in s_0 at time 0 and then along the first observed trajectory."""
     states = np.concatenate([example.s0[None], example.observed[0]])
     states = states[: scenes.finite_steps(states)]
     scenes.log_moving(stream, root, simulator, model, states, TIMELINE)

@@ -1,4 +1,4 @@
-"""The arrays of the paper's Fig. 1: one example, with its variance split into two parts."""
+"""The arrays for the paper's Fig. 1: one example, with its variance split into two parts."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from study.metrics.variance import split
 from study.recording.examples import MOST_UNCERTAIN
 
 PATHS = 40
-"""Most paths of an illustration; further ones would only cover them."""
+"""Largest number of paths of an illustration. More paths would cover each other."""
 
 
 def illustrate(
@@ -20,16 +20,16 @@ def illustrate(
     """Arrays and facts of the example with the most uncertain outcome, or of the first example.
 
     Args:
-        simulator: knows position and target.
-        examples: the examples of a forecaster with an ensemble, of P scenarios, as
-            `study.models.forecasting.example_arrays` collects them.
-        rules: the P rules that chose them.
+        simulator: computes position and target.
+        examples: E examples of a forecaster with an ensemble, see
+            `study.models.forecasting.example_arrays`.
+        rules: the rule of each example, [E].
 
     Returns:
-        The arrays, in m and m²: the positions from s_0 on, ``observed`` and ``forecast``
-        [K, T+1, 3] and ``members`` [M, T+1, 3]; ``member`` [K]; ``target`` [3]; the variances of
-        the position over the horizon, ``aleatoric``, ``epistemic`` and ``observed_variance`` [T].
-        And the facts: rule, scenario, radius, control step and number of samples.
+        Arrays in m and m²: the positions from s_0 on, ``observed`` and ``forecast`` [K, T+1, 3] and
+        ``members`` [M, T+1, 3]; ``member`` [K]; ``target`` [3]; the variances of the position over
+        the horizon, ``aleatoric``, ``epistemic`` and ``observed_variance`` [T]. Then the facts:
+        rule, scenario, radius, control step and number of samples.
     """
     row = rules.index(MOST_UNCERTAIN) if MOST_UNCERTAIN in rules else 0
     forecast, observed = examples["forecast"][row], examples["observed"][row]

@@ -1,4 +1,4 @@
-"""Recordings are complete or absent, and each has its SHA-256 in a file beside it."""
+"""Recordings are complete or absent. The SHA-256 of each is in a file beside the recording."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,10 +16,10 @@ def checksum_path(path: Path) -> Path:
 
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
-    """A temporary path to write to: it becomes the recording `path`, with its checksum.
+    """Write to a temporary path, which then becomes the recording `path` with its checksum.
 
-    If the block raises, the old recording stays. A process that is killed before the checksum is
-    written leaves a recording that `check` reports as damaged, so that the study makes it again.
+    If the block raises, the old recording stays. If the process is killed before it writes the
+    checksum, `check` reports the recording as damaged, and the study writes the recording again.
 
     Raises:
         StudyError: what was written cannot be read back.
@@ -51,7 +51,7 @@ def check(path: Path) -> None:
 
     Raises:
         StudyError: the recording or its checksum is missing or empty, the two do not match, or the
-            recording was cut off before its checksum was made.
+            recording was cut off before its checksum was computed.
     """
     path = Path(path)
     if not path.is_file():

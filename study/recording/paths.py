@@ -1,7 +1,7 @@
 """Observed and forecast paths of one scenario in the 3D scene, and its target.
 
 The viewer does not blend transparent lines with their background, but darkens them. So all lines
-are opaque: paths of which there are many are thin, and those that matter are thick.
+are opaque. Samples are thin lines, and the forecasts of ensemble members are thick lines.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from study.recording.streams import time_column
 from study.recording.viewpoint import centre_and_extent
 
 TIMELINE = "horizon"
-# A forecast path is drawn while it is within this many extents of the observed ones.
+# A forecast path is shown within this many extents around the observed paths.
 _REACH = 3.0
 _CIRCLE = 64
-# Most points of a path, and most paths that have a moving dot.
+# Largest number of points of a path, and of paths with a moving dot.
 _POINTS = 40
 _DOTS = 10
 
@@ -31,13 +31,13 @@ def log_paths(
     colours: Colour | Sequence[Colour],
     width: float = 1.0,
 ) -> None:
-    """Log paths [K, T, 3] in m as static lines, in one colour or in K.
+    """Log paths [K, T, 3] in m as static lines, in one colour or in K colours.
 
-    Each path ends at its first point that is not finite.
+    A path ends before its first point that is not finite.
     """
     table = _colour_table(colours)
     thinned = paths[:, _thinned_steps(paths.shape[1])]
-    strips = [(path, k) for k, path in enumerate(map(_until_lost, thinned)) if len(path) > 1]
+    strips = [(path, k) for k, path in enumerate(map(_finite_part, thinned)) if len(path) > 1]
     lines = rr.LineStrips3D(
         [path for path, _ in strips],
         colors=[table[k % len(table)] for _, k in strips],
@@ -53,7 +53,7 @@ def log_moving_dots(
     colours: Colour | Sequence[Colour],
     size: float = 4.0,
 ) -> None:
-    """Log the first few of the paths [K, T, 3] as dots that move along the timeline."""
+    """Log the first `_DOTS` paths of [K, T, 3] in m as dots that move along the timeline."""
     steps = _thinned_steps(paths.shape[1])
     paths = paths[:_DOTS, steps]
     count, length, _ = paths.shape
@@ -68,10 +68,10 @@ def log_moving_dots(
 
 
 def log_target(stream: rr.RecordingStream, entity: str, target: Floats, radius: float) -> None:
-    """Log the target [3] in m, and the sphere of `radius` m within which the goal succeeds.
+    """Log the target [3] in m, and the sphere of `radius` m in which the goal is reached.
 
-    The viewer draws labels in front of everything else. So a pole below the target carries a
-    label, with which a reader finds a small sphere among long paths.
+    A label at the foot of a pole below the target helps to find a small sphere among long paths.
+    The label is not at the target, since the viewer draws labels in front of everything else.
     """
     foot = target * np.array([1.0, 1.0, 0.0], dtype=target.dtype)
     dot = rr.Points3D([target], colors=[TARGET], radii=rr.Radius.ui_points(6.0))
@@ -112,19 +112,18 @@ def log_scenario(
 ) -> None:
     """Log the target of one scenario, and its observed and forecast paths.
 
-    With an ensemble, a sample has the colour of its member, and each member's own forecast is a
-    thick line of the same colour.
+    With an ensemble, a sample has the colour of its member. The forecast of a member without noise
+    is a thick line of the same colour.
 
     Args:
         stream: the recording.
-        root: the entity above all of these.
-        simulator: knows the position and the target.
-        goal: [G].
-        observed: [K, T, D], observed states.
-        forecast: [K, T, D], forecast states.
-        member: [K], the ensemble member behind each forecast, or None. Numbers of M or more stand
-            for pairs of networks: the recurrent one is `member` mod M.
-        members: [M, T, D], the members' own forecasts, or None.
+        root: the parent of all entities of the scenario.
+        simulator: computes the position and the target.
+        goal: [G] in SI units.
+        observed: [K, T, D], observed states in SI units.
+        forecast: [K, T, D], forecast states in SI units.
+        member: see `study.recording.examples.Example`.
+        members: see `study.recording.examples.Example`.
     """
     observed_paths = simulator.position(observed).astype(np.float32)
     forecast_paths = within_reach(simulator.position(forecast), observed_paths)
@@ -146,17 +145,17 @@ def log_scenario(
 
 
 def within_reach(paths: Floats, observed: Floats) -> Floats:
-    """Paths [K, T, 3] with NaN for each point that is far from all of the observed [K, T, 3]."""
+    """Paths [K, T, 3] with NaN for each point that is far from all observed points [K, T, 3]."""
     centre, half = centre_and_extent(observed)
     with np.errstate(invalid="ignore", over="ignore"):
         near = np.abs(paths.astype(np.float64) - centre).max(axis=-1) <= _REACH * half
     return np.where(near[..., None], paths, np.nan).astype(np.float32)
 
 
-def _until_lost(path: Floats) -> Floats:
+def _finite_part(path: Floats) -> Floats:
     """The points of a path [T, 3] before the first that is not finite."""
-    lost = ~np.isfinite(path).all(axis=-1)
-    return path[: int(lost.argmax())] if lost.any() else path
+    undefined = ~np.isfinite(path).all(axis=-1)
+    return path[: int(undefined.argmax())] if undefined.any() else path
 
 
 def _thinned_steps(steps: int) -> Integers:

@@ -1,8 +1,8 @@
 """The pictures of recordings on the web pages: ``python -m study.recording.pictures``.
 
-Each picture shows a few views of one recording, large enough to be read at the width of a web page.
-Its PNG has the name and the SHA-256 of the recording as text, so that a test can compare them with
-the committed results.
+A picture shows a few views of one recording, which are legible at the width of a web page. The PNG
+contains the name and the SHA-256 of the recording as text. A test compares these with the committed
+results.
 """
 
 import argparse
@@ -30,13 +30,13 @@ CHECKSUM = "recording-sha256"
 """Keyword of the text with the recording's SHA-256."""
 
 WIDTH = 1200
-"""Pixels."""
+"""Width of a picture in pixels."""
 _BAR = 48
-"""Pixels of the viewer's bar at the top of the window, which is empty and cropped."""
+"""Height in pixels of the empty bar at the top of the window, which is cropped."""
 _ZOOM = 3
-"""Steps by which the viewer enlarges its text."""
+"""Number of steps by which the viewer enlarges its text."""
 _MESSAGE = 6.0
-"""Seconds after which the viewer's message of its start has left the window."""
+"""Seconds after which the viewer's message at its start has disappeared."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Picture:
     Attributes:
         name: of the PNG, without its suffix.
         recording: path of the recording below ``recordings/``.
-        columns: from left to right, the views from top to bottom; ``*`` in a name stands for any
-            text, and of several views with the same name the first is shown.
+        columns: names of the views from top to bottom, for each column from left to right. ``*`` in
+            a name matches any text. Of several views that match, the first is shown.
         shares: widths of the columns, relative to one another.
         height: in pixels.
     """
@@ -92,12 +92,12 @@ PICTURES = (
 
 
 def draw_picture(picture: Picture, recordings: Path, folder: Path) -> Path:
-    """Draw one picture.
+    """Write the PNG of one picture, and return its path.
 
     Args:
-        picture: what to draw.
+        picture: the picture.
         recordings: the folder ``recordings`` of a results folder.
-        folder: where the PNG is written.
+        folder: folder of the PNG.
 
     Raises:
         StudyError: the recording is missing or damaged, it lacks a view, or the viewer cannot draw.
@@ -124,8 +124,8 @@ def _find(pattern: str, names: dict[str, str], path: Path) -> str:
     for node, name in names.items():
         if fnmatch(name, pattern):
             return node
-    found = ", ".join(dict.fromkeys(names.values()))
-    raise StudyError(f"recording {path} has no view '{pattern}': it has {found}")
+    listed = ", ".join(dict.fromkeys(names.values()))
+    raise StudyError(f"recording {path} has no view '{pattern}': it has {listed}")
 
 
 def _arrange(design: Design, columns: Sequence[Sequence[str]], picture: Picture) -> None:
@@ -145,7 +145,7 @@ def _arrange(design: Design, columns: Sequence[Sequence[str]], picture: Picture)
 
 
 def _container(design: Design, kind: str, contents: Sequence[str]) -> str:
-    """Add a container to a blueprint; returns its node."""
+    """Add a container to a blueprint, and return its node."""
     node = f"/container/{uuid4()}"
     design[node] = {
         "ContainerBlueprint": {"container_kind": kind, "contents": list(contents), "visible": True}
@@ -154,7 +154,7 @@ def _container(design: Design, kind: str, contents: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw all pictures, and return the exit code."""
+    """Write all pictures, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--results", type=Path, default=Path("results/paper"))
     parser.add_argument("--to", type=Path, default=FOLDER, help="folder of the pictures")

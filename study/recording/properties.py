@@ -1,4 +1,4 @@
-"""The properties of a recording, and its panels of text."""
+"""The properties of a recording and its text panels."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,8 @@ def write_properties(stream: rr.RecordingStream, name: str, properties: Properti
     """Set the name of the recording and its properties, such as cell, seed and settings."""
     stream.send_recording_name(name)
     if properties:
-        # Rerun drops a bare value whose type differs from that of an earlier property of this name
-        # in the process, such as a seed that is a number in one recording and text in another.
+        # Rerun drops a bare value if an earlier property of the same name in this process had
+        # another type. A seed may be a number in one recording and text in another, for example.
         typed = {name: pa.array([value]) for name, value in properties.items()}
         stream.send_property(GROUP, rr.AnyValues(**typed))
 
@@ -30,12 +30,12 @@ def write_readme(stream: rr.RecordingStream, text: str, properties: Properties) 
 
 
 def write_markdown(stream: rr.RecordingStream, entity: str, text: str) -> None:
-    """Write a panel of Markdown, which does not change over time."""
+    """Write a static panel of Markdown."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def describe(properties: Properties) -> str:
-    """The properties in Markdown: a table, and an indented block for each value that is JSON."""
+    """The properties in Markdown: a table, and an indented block for each JSON value."""
     short, blocks = [], []
     for key, value in properties.items():
         block = _indented(value) if isinstance(value, str) else None

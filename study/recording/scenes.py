@@ -1,7 +1,7 @@
-"""MuJoCo scenes in Rerun: the shapes of a model once, the motion of its bodies over a timeline.
+"""MuJoCo scenes in Rerun: static shapes, and the motion of the bodies over a timeline.
 
-The entities mirror the model: `root/body/kind of geom`. A body holds the transform to the world's
-frame, and its geoms are in the frame of the body.
+The entities follow the model: `root/body/kind of geom`. The entity of a body holds the transform to
+the world's frame. The geoms are in the frame of their body.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from study.common.arrays import Array, Doubles, Floats, Pixels
 from study.envs.simulator import Simulator
 from study.recording.streams import entity_below, time_column
 
-# MuJoCo's own viewer hides groups 3 to 5 too: by convention they hold collision shapes.
+# By convention groups 3 to 5 are collision shapes. MuJoCo's viewer hides them too.
 _VISIBLE_GROUPS = range(3)
 _THICKNESS = 1e-3
-# The kind as which each geom is drawn; height fields and signed distance fields are left out.
+# The kind of shape in Rerun of each type of geom. Height fields and distance fields are ignored.
 _KINDS = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): "planes",
     int(mujoco.mjtGeom.mjGEOM_BOX): "boxes",
@@ -37,7 +37,7 @@ def moving_bodies(model: mujoco.MjModel) -> list[int]:
 
 
 def fixed_bodies(model: mujoco.MjModel) -> list[int]:
-    """The numbers of the world and of the bodies that are welded to it."""
+    """The numbers of the world and of the bodies that are fixed to the world."""
     return [body for body in range(model.nbody) if model.body_weldid[body] == 0]
 
 
@@ -46,7 +46,7 @@ def log_fixed(
 ) -> None:
     """Log the bodies that do not move, below `/scene`, in the pose of a state [D].
 
-    Without a scene there are none.
+    The function does nothing if the system has no scene.
     """
     if model is not None:
         fixed = fixed_bodies(model)
@@ -64,7 +64,7 @@ def log_moving(
 ) -> None:
     """Log the bodies that move, and their motion along states [N, D] at the times 0 to N − 1.
 
-    Without a scene there are none.
+    The function does nothing if the system has no scene.
     """
     if model is not None:
         moving = moving_bodies(model)
@@ -76,9 +76,9 @@ def log_moving(
 def log_bodies(
     stream: rr.RecordingStream, root: str, model: mujoco.MjModel, bodies: Sequence[int]
 ) -> None:
-    """Log the visible geoms of `bodies`, static, each in the frame of its body.
+    """Log the visible geoms of `bodies` as static shapes in the frames of their bodies.
 
-    Geoms of one kind and body share an entity such as `root/body/boxes`, since each entity takes
+    Geoms of one kind and body share an entity such as `root/body/boxes`, since an entity takes
     kilobytes.
     """
     for body in bodies:
@@ -153,9 +153,9 @@ def body_poses(model: mujoco.MjModel, qpos: Doubles) -> tuple[Floats, Floats]:
 
 
 def finite_steps(states: Floats) -> int:
-    """How many states of [T, D] come before the first that is not finite; at least one."""
-    lost = ~np.isfinite(states).all(axis=-1)
-    return max(1, int(lost.argmax())) if lost.any() else len(states)
+    """The number of states of [T, D] before the first that is not finite; at least one."""
+    undefined = ~np.isfinite(states).all(axis=-1)
+    return max(1, int(undefined.argmax())) if undefined.any() else len(states)
 
 
 def xyzw(quaternions: Array) -> Array:
@@ -164,12 +164,12 @@ def xyzw(quaternions: Array) -> Array:
 
 
 def _body_path(root: str, model: mujoco.MjModel, body: int, *below: str) -> str:
-    """The entity of a body, or of something below it."""
+    """The entity of a body, or an entity below it."""
     return entity_below(root, model.body(body).name or f"body_{body}", *below)
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> Pixels:
-    """The colour of a geom or of its material; with a texture, times the mean of the texture."""
+    """The colour of a geom or of its material, multiplied by the mean colour of its texture."""
     material = int(model.geom_matid[geom])
     if material < 0:
         rgba = model.geom_rgba[geom].copy()
@@ -196,7 +196,7 @@ def _shapes(model: mujoco.MjModel, kind: str, geoms: list[int]) -> rr.AsComponen
     if kind == "boxes":
         return rr.Boxes3D(half_sizes=size, centers=centres, **style)
     if kind == "planes":
-        # Size 0 means an infinite plane: it is drawn larger than the rest of the model.
+        # Size 0 is an infinite plane in MuJoCo. A box larger than the model replaces it.
         half = np.where(size > 0, size, 3 * model.stat.extent)
         half[:, 2] = _THICKNESS
         return rr.Boxes3D(half_sizes=half, centers=centres, **style)
@@ -215,7 +215,7 @@ def _shapes(model: mujoco.MjModel, kind: str, geoms: list[int]) -> rr.AsComponen
 
 
 def capsule_start(centre: Doubles, quaternion: Doubles, half_length: float) -> Doubles:
-    """The start [3] of a capsule: Rerun measures it from one end, MuJoCo from its centre."""
+    """The start [3] of a capsule, from which Rerun measures it. MuJoCo measures from the centre."""
     offset = np.zeros(3)
     mujoco.mju_rotVecQuat(offset, np.array([0.0, 0.0, -half_length]), quaternion)
     return np.asarray(centre + offset)

@@ -31,7 +31,7 @@ _TITLES = {
     "coverage_80": "coverage of 80 % intervals",
     "coverage_90": "coverage of 90 % intervals",
 }
-# Metrics that are recorded over the horizon, and those by scenario; the table of scores has more.
+# The metrics over the horizon and the metrics by scenario in a recording. The table has more.
 _STEPWISE = ("mmd2", "mmd2_joint", "crps", "variance_ratio", "aleatoric_ratio")
 _BY_SCENARIO = (
     "mmd2",
@@ -51,32 +51,33 @@ _PAGES = dict.fromkeys(_RATIOS, "Variances") | {"mmd2_joint": "By dimension"}
 _README = """
 # Scores
 
-How well the forecasts of this cell agree with the observed trajectories of the test scenarios. In
-the plots, **blue** is the average over all dimensions of the state, and grey is the ideal value.
+The scores compare the forecasts of this cell with the observed trajectories of the test scenarios.
+In the plots, **blue** is the average over all dimensions of the state. Grey is the ideal value.
 
 - **MMD²** (maximum mean discrepancy, with a Gaussian kernel): the distance between the forecast and
-  the observed distribution at each step. Lower is better; 0 if the two are the same.
+  the observed distribution at each step. Lower is better. It is 0 if the distributions are equal.
 - **CRPS** (continuous ranked probability score): the error of the whole distribution, in standard
   deviations of the training data. Lower is better.
 - **Coverage of central intervals**: the share of observed values in the 50, 80 and 90 % intervals
-  of the forecast. Below the ideal, the forecast is overconfident.
-- **Reliability**: one faint dot for each scenario. Of all scenarios with a forecast probability p,
-  a share p should succeed. The line joins the means of ten bins. Ideally it is the diagonal.
+  of the forecast. Below the ideal value, the forecast is overconfident.
+- **Reliability**: a faint dot for each scenario. Of all scenarios with a forecast probability p,
+  a share p should succeed. The line joins the means of ten bins. The ideal line is the diagonal.
 - **Variance ratio**, on the tab *Variances*: forecast variance over observed variance. The ideal is
-  1; below, the forecast is overconfident, above, it is underconfident. Here it is an average over
+  1. Below 1 the forecast is overconfident, above 1 underconfident. Here it is an average over
   all steps; the tables of the study have the median from step 11 on.
-- **Aleatoric ratio**: the same for the aleatoric part of the forecast variance. Above 1, the model
-  counts a part of its epistemic uncertainty as noise.
+- **Aleatoric ratio**: aleatoric forecast variance over observed variance. Above 1 the model
+  represents a part of its epistemic uncertainty as noise.
 """
 
 
 def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> None:
     """Write the recording of one cell's scores.
 
-    `/METRIC/DIMENSION` holds a metric over the horizon, on the timeline `horizon`, and
-    `/by_scenario/METRIC` one of each scenario, on the timeline `scenario`. `/overall/METRIC/all`
-    and `/overall/METRIC/dimensions` (a column a dimension) hold averages, at step 0. Metrics both
-    by step and by scenario stay in the table of scores, and so do variants of a metric.
+    `/METRIC/DIMENSION` holds a metric over the horizon, on the timeline `horizon`.
+    `/by_scenario/METRIC` holds a metric of each scenario, on the timeline `scenario`.
+    `/overall/METRIC/all` and `/overall/METRIC/dimensions` (a column for each dimension) hold
+    averages, at step 0. The recording leaves out variants of a metric, and metrics that are by step
+    and by scenario.
 
     Args:
         path: the recording.
@@ -93,7 +94,7 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
     has_outcomes = {"forecast_probability", "observed_probability"} <= set(by_scenario["metric"])
 
     design = blueprints.scores(_pages(stepwise), has_outcomes)
-    # Hundreds of small entities: an index of them would be larger than their data.
+    # The index of hundreds of small entities would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
         write_readme(stream, _README + _overall_table(overall), properties)
         _log_overall(stream, overall)
@@ -115,7 +116,7 @@ def reliability(forecast: Doubles, observed: Doubles, bins: int = _BINS) -> tupl
     Args:
         forecast: [S], forecast probabilities of success.
         observed: [S], observed frequencies.
-        bins: the number of bins, equally wide, of the forecast probability.
+        bins: the number of equal bins of the forecast probability.
     """
     index = np.clip((forecast * bins).astype(int), 0, bins - 1)
     count = np.bincount(index, minlength=bins)
@@ -131,7 +132,7 @@ def _title(metric: str) -> str:
 
 
 def _pages(stepwise: pd.DataFrame) -> dict[str, dict[str, list[str]]]:
-    """The entities of each view, by its title, by its page."""
+    """The entities of each view, by page and title of the view."""
     pages: dict[str, dict[str, list[str]]] = {}
     for metric, rows in stepwise.groupby("metric", sort=False):
         if metric in _COVERAGES:
@@ -174,7 +175,7 @@ def _log_metric(stream: rr.RecordingStream, metric: str, rows: pd.DataFrame) -> 
 
 
 def _log_overall(stream: rr.RecordingStream, overall: pd.DataFrame) -> None:
-    """Log averages over the horizon and over scenarios, overall and by dimension."""
+    """Log averages over the horizon and over scenarios, for all dimensions and by dimension."""
     for metric, rows in overall.groupby("metric", sort=False):
         by_dimension = rows[rows["dimension"] != "all"]
         names = list(by_dimension["dimension"])
@@ -194,15 +195,15 @@ def _overall_table(overall: pd.DataFrame) -> str:
     """The averages in Markdown: over all dimensions, by dimension, and by outcome."""
     if overall.empty:
         return ""
-    whole = overall["dimension"] == "all"
+    averaged = overall["dimension"] == "all"
     rows = [
         (_title(m), f"**{v:.4g}**")
-        for m, v in overall.loc[whole, ["metric", "value"]].itertuples(index=False)
+        for m, v in overall.loc[averaged, ["metric", "value"]].itertuples(index=False)
     ]
     text = f"\n## Overall\n\n{table(('metric', 'value'), rows)}\n" if rows else ""
-    of_outcomes = overall["metric"].str.startswith(_OF_OUTCOMES)
-    for title, chosen in (("dimension", ~of_outcomes), ("outcome", of_outcomes)):
-        text += _table_by(title, overall[~whole & chosen])
+    by_outcome = overall["metric"].str.startswith(_OF_OUTCOMES)
+    for title, selected in (("dimension", ~by_outcome), ("outcome", by_outcome)):
+        text += _table_by(title, overall[~averaged & selected])
     return text
 
 
@@ -224,8 +225,8 @@ def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> N
     wide = by_scenario.pivot_table(index="scenario", columns="metric", values="value")
     forecast = wide["forecast_probability"].to_numpy()
     observed = wide["observed_probability"].to_numpy()
-    known = np.isfinite(forecast) & np.isfinite(observed)
-    forecast, observed = forecast[known], observed[known]
+    defined = np.isfinite(forecast) & np.isfinite(observed)
+    forecast, observed = forecast[defined], observed[defined]
     chart = Chart(Axis("forecast probability", 0.0, 1.0), Axis("observed frequency", 0.0, 1.0))
     root = "/chart/reliability"
     chart.log_axes(stream, root)
@@ -234,12 +235,12 @@ def _log_reliability(stream: rr.RecordingStream, by_scenario: pd.DataFrame) -> N
     )
     stream.log(f"{root}/diagonal", diagonal, static=True)
     dots = rr.Points2D(
-        chart.place(forecast, observed),
+        chart.points(forecast, observed),
         colors=[faint(FORECAST, 110)],
         radii=rr.Radius.ui_points(3.0),
     )
     stream.log(f"{root}/scenarios", dots, static=True)
-    bins = chart.place(*reliability(forecast, observed))
+    bins = chart.points(*reliability(forecast, observed))
     line = rr.LineStrips2D([bins], colors=[FORECAST], radii=rr.Radius.ui_points(2.0))
     stream.log(f"{root}/bins", line, static=True)
     means = rr.Points2D(bins, colors=[FORECAST], radii=rr.Radius.ui_points(5.0))

@@ -18,11 +18,11 @@ Design = dict[str, Any]
 
 @dataclass(frozen=True)
 class Screenshots:
-    """What the viewer showed.
+    """The screenshots of a recording.
 
     Attributes:
         views: the PNG of each view, by name; views of the same name are numbered.
-        pages: the PNG of the whole window for each page, that is, each choice of tabs.
+        pages: the PNG of the whole window for each page. A page is a choice of tabs.
         problems: errors in the viewer's log, and problems that views report.
     """
 
@@ -69,7 +69,7 @@ def screenshots(path: Path, out_dir: Path) -> Screenshots:
 
 
 def show(client: ViewerClient, path: Path) -> tuple[dict[str, str], Design]:
-    """Open a recording at two thirds of its timeline, where moving things are under way.
+    """Open a recording at two thirds of its timeline, at which bodies and dots are moving.
 
     Returns:
         The name of each view, by its node ``/view/…`` in the blueprint; and the blueprint.
@@ -78,12 +78,12 @@ def show(client: ViewerClient, path: Path) -> tuple[dict[str, str], Design]:
     state = wait_for(client.get_state, lambda s: not s.loading and bool(s.views))
     timelines = {line.name: line for line in state.recordings[0].timelines}
     design: Design = ask(client.get_blueprint).blueprint
-    chosen = design.get("/time_panel", {}).get("TimePanelBlueprint", {}).get("timeline")
-    end = timelines[chosen].end if chosen in timelines else None
+    active = design.get("/time_panel", {}).get("TimePanelBlueprint", {}).get("timeline")
+    end = timelines[active].end if active in timelines else None
     if end is not None:
-        start = timelines[chosen].start or 0
+        start = timelines[active].start or 0
         time = start + 2 * (end - start) // 3
-        ask(lambda: client.set_time(chosen, sequence=time, play_state="paused"))
+        ask(lambda: client.set_time(active, sequence=time, play_state="paused"))
     by_id = {view.view_id.replace("-", ""): view.name for view in state.views}
     nodes = [node for _, node in _leaves(design, root_of(design), {})]
     return {node: by_id[node.removeprefix("/view/").replace("-", "")] for node in nodes}, design
@@ -95,10 +95,9 @@ def root_of(design: Design) -> str:
 
 
 def settled(client: ViewerClient) -> bytes:
-    """A PNG of the window, once two in a row are the same.
+    """A PNG of the window, as soon as two successive ones are equal; at most the tenth.
 
-    The viewer draws the plots of a new tab one frame late. If a window never settles, this is the
-    tenth picture.
+    The viewer draws the plots of a new tab one frame late.
     """
     picture = ask(client.take_screenshot)
     for _ in range(9):
@@ -116,8 +115,8 @@ def _pages(design: Design) -> list[tuple[dict[str, str], list[str]]]:
     leaves = list(_leaves(design, root_of(design), {}))
     choices: list[dict[str, str]] = []
     for choice, _ in leaves:
-        extended = any(choice.items() < other.items() for other, _ in leaves)
-        if not extended and choice not in choices:
+        is_part = any(choice.items() < larger.items() for larger, _ in leaves)
+        if not is_part and choice not in choices:
             choices.append(choice)
     pages: list[tuple[dict[str, str], list[str]]] = [(choice, []) for choice in choices]
     for choice, view in leaves:
@@ -142,7 +141,7 @@ def _leaves(
 
 
 def _numbered(name: str, taken: dict[str, Path]) -> str:
-    """The name, with a number if it is taken."""
+    """The name, with a number if the name is taken."""
     number, numbered = 1, name
     while numbered in taken:
         number += 1

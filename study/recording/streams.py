@@ -1,6 +1,6 @@
-"""Writing a recording: opening and closing its stream, and sending columns of numbers to it.
+"""Write a recording: open and close its stream, and send columns of numbers to the stream.
 
-No global state of Rerun is used, so several recordings can be open at once.
+The module uses no global state of Rerun, so several recordings can be open at once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,10 +25,10 @@ INDEX = 0
 
 
 def application_id(kind: str, properties: Properties) -> str:
-    """Rerun's application id of a recording: one for each kind and environment, or study.
+    """Rerun's application id of a recording, from its kind and its environment or study.
 
-    A viewer keeps the first blueprint that it receives for an application, and a blueprint names
-    the state's dimensions. So two recordings share an application exactly if they share a
+    A viewer uses the first blueprint that it receives for an application, and a blueprint names the
+    state's dimensions. So two recordings have the same application exactly if they have the same
     blueprint.
     """
     shared = str(properties.get("environment", _subject(properties))).split("/")[0]
@@ -36,12 +36,12 @@ def application_id(kind: str, properties: Properties) -> str:
 
 
 def recording_name(kind: str, properties: Properties) -> str:
-    """The recording's name in the viewer's list: its cell, environment or study, then its kind."""
+    """The name of a recording in the viewer: its cell, environment or study, then its kind."""
     return " · ".join(filter(None, (_subject(properties), kind)))
 
 
 def _subject(properties: Properties) -> str:
-    """The cell, the environment or the study that the recording is about."""
+    """The cell, the environment or the study of a recording."""
     names = (properties[key] for key in ("cell", "environment", "study") if key in properties)
     return str(next(names, ""))
 
@@ -54,13 +54,13 @@ def recording(
     blueprint: rrb.Blueprint,
     footer: bool = True,
 ) -> Iterator[rr.RecordingStream]:
-    """Write the recording `path`: it appears, with its checksum, when the block has succeeded.
+    """Write the recording `path` and its checksum after the block has succeeded.
 
     Args:
         path: the file.
         kind: see `application_id`.
         properties: of the recording.
-        blueprint: what the viewer shows.
+        blueprint: the layout in the viewer.
         footer: whether to write an index, with which a reader loads a part of a large file. It
             takes about a kilobyte for each entity.
 
@@ -72,7 +72,7 @@ def recording(
     # Each row names its timeline, so Rerun's own timelines are not needed.
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    # Rerun's own writer of files says nothing when it fails, or waits for ever.
+    # A failing file writer of Rerun reports no error, or never returns. So the stream is in memory.
     memory = stream.binary_stream()
     try:
         stream.send_blueprint(blueprint)
@@ -88,8 +88,8 @@ def recording(
 def _without_footer(content: bytes) -> bytes:
     """A recording without its last message, the index.
 
-    A recording is a header, then messages: a kind, a length, and so many bytes. The index is the
-    only message of kind 0.
+    A recording is a header and then messages. A message is its kind, its length and its content.
+    The index is the only message of kind 0.
     """
     position = HEADER
     while position < len(content):
@@ -136,7 +136,7 @@ def entity_path(*parts: str) -> str:
 
 
 def entity_below(root: str, *parts: str) -> str:
-    """An entity path below the entity `root`, which is escaped already."""
+    """An entity path below the entity path `root`, in which special characters are escaped."""
     return root + entity_path(*parts)
 
 

@@ -18,7 +18,7 @@ from study.recording.streams import entity_path, finite, recording, send_scalars
 
 KIND = "study"
 TIMELINE = "horizon"
-# Metrics in the table of cells, from left to right: title and number format.
+# The metrics in the table of cells: title and number format.
 _METRICS = {
     "mmd2": ("MMD²", ".4f"),
     "brier": ("Brier", ".3f"),
@@ -28,9 +28,9 @@ _METRICS = {
     "variance_ratio": ("variance ratio", ".3g"),
 }
 _RATIO = "variance_ratio"
-# The MMD² of correct forecasts shifted by some standard deviations, from the oracle's scores.
+# The MMD² of the oracle's forecasts, shifted by some standard deviations.
 _SHIFTS = {f"mmd2_shift_{shift}": f"shift of {shift} sd" for shift in ("0.1", "0.3", "1")}
-# The viewer's points for a line of one point in a figure, and the opacity of dashed lines.
+# Line width in the viewer for a line width of 1 in a figure, and the opacity of dashed lines.
 _SCALE = 5 / 3
 _DASHED = 190
 _README = """
@@ -101,10 +101,10 @@ def record_study(
         texts: Markdown of the panels below the plots, by title.
         properties: of the recording.
     """
-    whole = scores[(scores["dimension"] == "all") & (scores["scenario"] == -1)]
-    cells = _cells(whole)
-    curves = whole[whole["step"] > 0]
-    overall = _overall(whole[whole["step"] == -1], cells)
+    averaged = scores[(scores["dimension"] == "all") & (scores["scenario"] == -1)]
+    cells = _cells(averaged)
+    curves = averaged[averaged["step"] > 0]
+    overall = _overall(averaged[averaged["step"] == -1], cells)
     if _RATIO in overall:
         overall[_RATIO] = _median_ratios(scores, cells)
     texts = {**texts, "Cells": _cells_text(overall, path.parent)}
@@ -155,9 +155,9 @@ def _log_shifts(stream: rr.RecordingStream, curves: pd.DataFrame) -> None:
         style_lines(stream, entity, [_SHIFTS[str(metric)]], [REFERENCE], 0.8)
 
 
-def _cells(whole: pd.DataFrame) -> list[_Cell]:
+def _cells(scores: pd.DataFrame) -> list[_Cell]:
     """The cells that have scores, in the order of the scores."""
-    rows = whole[list(_Cell._fields)].drop_duplicates()
+    rows = scores[list(_Cell._fields)].drop_duplicates()
     return [
         _Cell(str(environment), str(level), str(model), int(seed))
         for environment, level, model, seed in rows.itertuples(index=False)
@@ -182,25 +182,25 @@ def _entities(cells: Iterable[_Cell]) -> dict[_Cell, str]:
 def _plots(cells: list[_Cell]) -> dict[str, list[str]]:
     """The entities of each environment's plot, in the order in which the viewer draws them.
 
-    The shifts come first, so that they are behind the models. The oracle is the same at both
-    levels, so one of them is shown.
+    The reference shifts come first, so that they are behind the models. The oracle is the same at
+    all levels, so the plot shows it once.
     """
     plots: dict[str, list[str]] = {}
-    shown = set()
+    included = set()
     for cell, entity in _entities(cells).items():
         curves = plots.setdefault(
             cell.environment,
             [entity_path("reference_shift", cell.environment, metric) for metric in _SHIFTS],
         )
         distinct = cell._replace(level="") if cell.model == ORACLE else cell
-        if distinct not in shown:
+        if distinct not in included:
             curves.append(entity)
-        shown.add(distinct)
+        included.add(distinct)
     return plots
 
 
 def _span(curves: pd.DataFrame) -> tuple[float, float]:
-    """The y axis of all plots: from a little below 0, as estimates can be, to above all curves."""
+    """The y axis of all plots: from slightly below 0, since estimates can be negative."""
     values = finite(curves.loc[curves["metric"] == "mmd2", "value"].to_numpy())
     top = float(np.nanmax(values, initial=1e-3))
     return -0.05 * top, 1.05 * top
@@ -213,7 +213,7 @@ def _curve_name(cell: _Cell, seeds: bool) -> str:
 
 
 def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
-    """A row for each cell, by its name, and a column for each metric; NaN where a cell lacks it."""
+    """A table with a row for each cell and a column for each metric; NaN for a missing score."""
     metrics = [metric for metric in _METRICS if (rows["metric"] == metric).any()]
     wide = rows[rows["metric"].isin(metrics)].pivot(
         index=list(_Cell._fields), columns="metric", values="value"
@@ -224,11 +224,11 @@ def _overall(rows: pd.DataFrame, cells: list[_Cell]) -> pd.DataFrame:
 
 def _median_ratios(scores: pd.DataFrame, cells: list[_Cell]) -> list[float]:
     """The variance ratio of each cell, as in the tables."""
-    places = scores[(scores["metric"] == _RATIO) & (scores["dimension"] != "all")]
-    places = places[places["step"] > 0]
+    ratios = scores[(scores["metric"] == _RATIO) & (scores["dimension"] != "all")]
+    ratios = ratios[ratios["step"] > 0]
     return [
         median_ratio(rows["value"].to_numpy(), rows["step"].to_numpy())
-        for rows in (places[_is(places, cell)] for cell in cells)
+        for rows in (ratios[_is(ratios, cell)] for cell in cells)
     ]
 
 

@@ -1,4 +1,4 @@
-"""``training.rrd``: the curves of a fit, from the CSV file that Lightning wrote."""
+"""``training.rrd``: the curves of a fit, from Lightning's CSV file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,13 +15,13 @@ TIMELINE = "step"
 _README = """
 # Training
 
-Each curve is a number that was logged while the model was fitted, by step of the optimiser. Hover
-over a curve to read a number, drag to zoom, and double-click to see the whole curve.
+Each curve is a number that was logged during the fit, by optimiser step. Hover over a curve to read
+a number, drag to zoom, and double-click to show the whole curve.
 
 - *Loss*: what the optimiser minimises on the training data.
 - *Validation*: a score of forecasts on data that the model is not trained on, at each evaluation.
   Lower is better. Where it rises while the loss still falls, the model overfits.
-- *KL divergence*: how much information the latent variable of an autoencoder carries. At zero the
+- *KL divergence*: the information in the latent variable of a variational autoencoder. At zero the
   latent variable is unused (posterior collapse).
 """
 
@@ -29,7 +29,7 @@ over a curve to read a number, drag to zoom, and double-click to see the whole c
 def read_curves(path: Path) -> dict[str, pd.Series]:
     """The curves in a ``metrics.csv`` of Lightning's `CSVLogger`, by name, indexed by step.
 
-    A metric has values at the steps at which it was logged. The number of the epoch is left out.
+    A metric has values at the steps at which it was logged. The epoch is not a metric.
     """
     table = pd.read_csv(path, float_precision="round_trip").set_index(TIMELINE)
     curves = {str(name): table[name].dropna() for name in table if name != "epoch"}

@@ -1,4 +1,4 @@
-"""``tuning.rrd``: the search for β, with every value that was tried and its score."""
+"""``tuning.rrd``: the search for β, with the β and the score of every trial."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ _README = """
 Its score compares autoregressive forecasts with *validation* trajectories; test scenarios are not
 used. Lower is better.
 
-- *Score of each β*: one dot a trial. The large dot is the best one, which the study uses.
+- *Score of each β*: a dot for each trial. The large dot is the best β, which the study uses.
 - *Intermediate scores*: the score of each trial during its training.
-- *Score and best so far*, *log₁₀ β*: the trials in their order. Optuna first covers the range
-  evenly, and then tries values near the best ones.
+- *Score and best so far*, *log₁₀ β*: the trials in their order. The first half of the trials covers
+  the range of log β evenly. The second half is close to the best values.
 
 **Green**: complete. **Orange**: pruned, that is, stopped early because its intermediate scores were
 worse than those of other trials. **Red**: failed.
@@ -41,11 +41,11 @@ class Trial:
     """One trial of a search.
 
     Attributes:
-        number: its position in the search, from 0.
-        beta: the β that it tried.
+        number: the position in the search, from 0.
+        beta: the β of the trial.
         state: "complete", "pruned" or "failed".
-        score: its last score; None if it has none.
-        intermediate: the score by optimiser step.
+        score: the last score; None without a score.
+        intermediate: the scores during training, by optimiser step.
     """
 
     number: int
@@ -73,7 +73,7 @@ def record_tuning(path: Path, trials: Sequence[Trial], properties: Properties) -
     """Write the recording of a search.
 
     `/beta`, `/log10_beta`, `/score/STATE` and `/best` hold a value for each trial on the timeline
-    `trial`, and `/intermediate/trial_N` the scores of a trial on the timeline `step`.
+    `trial`. `/intermediate/trial_N` holds the scores of a trial on the timeline `step`.
 
     Args:
         path: the recording.
@@ -87,7 +87,7 @@ def record_tuning(path: Path, trials: Sequence[Trial], properties: Properties) -
     states = np.array([trial.state for trial in trials])
     best = best_so_far(np.where(states == "complete", scores, np.nan))
 
-    # Small entities: an index of them would be larger than their data.
+    # The index of many small entities would be larger than their data.
     with recording(path, KIND, properties, blueprints.tuning(), footer=False) as stream:
         write_readme(stream, _README + _table(trials, best), properties)
         if not trials:
@@ -102,9 +102,9 @@ def record_tuning(path: Path, trials: Sequence[Trial], properties: Properties) -
         dots = rr.SeriesPoints(colors=FORECAST, names="log₁₀ β", marker_sizes=5.0)
         stream.log("/log10_beta", dots, static=True)
         for state, colour in TRIAL_STATES.items():
-            chosen = states == state
-            if chosen.any():
-                send_scalars(stream, f"/score/{state}", TIMELINE, numbers[chosen], scores[chosen])
+            rows = np.flatnonzero(states == state)
+            if len(rows):
+                send_scalars(stream, f"/score/{state}", TIMELINE, numbers[rows], scores[rows])
                 dots = rr.SeriesPoints(colors=colour, names=state, marker_sizes=5.0)
                 stream.log(f"/score/{state}", dots, static=True)
         _log_beta_chart(stream, trials, betas, scores, best)
@@ -112,12 +112,12 @@ def record_tuning(path: Path, trials: Sequence[Trial], properties: Properties) -
 
 
 def best_so_far(scores: Doubles) -> Doubles:
-    """The lowest of scores [N] up to each of them; NaN before the first that is not NaN."""
+    """The running minimum [N] of scores [N]; NaN before the first score that is not NaN."""
     return np.asarray(np.fmin.accumulate(scores))
 
 
 def _best_index(best: Doubles) -> int | None:
-    """The row of the best trial, or None where no trial is complete."""
+    """The row of the best trial; None if no trial is complete."""
     if not np.isfinite(best).any():
         return None
     return int(np.flatnonzero(best == np.nanmin(best))[0])
@@ -156,7 +156,7 @@ def _log_beta_chart(
     chart.log_axes(stream, "/chart/beta")
     best_index = _best_index(best)
     for index, trial in enumerate(trials):
-        point = chart.place(betas[index : index + 1], scores[index : index + 1])
+        point = chart.points(betas[index : index + 1], scores[index : index + 1])
         if not len(point):
             continue
         dot = rr.Points2D(
@@ -183,7 +183,7 @@ def _log_intermediate_chart(stream: rr.RecordingStream, trials: Sequence[Trial])
         steps, scores = curve.T
         send_scalars(stream, f"/intermediate/{name}", "step", steps, finite(scores))
         strip = rr.LineStrips2D(
-            [chart.place(steps, scores)],
+            [chart.points(steps, scores)],
             colors=[faint(TRIAL_STATES[trial.state], 200)],
             radii=rr.Radius.ui_points(1.5),
         )

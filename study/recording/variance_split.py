@@ -21,8 +21,8 @@ def log_variance_split(
 ) -> None:
     """Log four standard deviations in m, the roots of the variances, as lines of one entity.
 
-    The lines are named as in `NAMES`. An unbiased estimate of a variance can be below zero by
-    chance: its root is shown as 0. Values that are not finite are left out.
+    `NAMES` has the names of the lines. An unbiased estimate of a variance can be negative by
+    chance; its root is then 0. Values that are not finite become NaN.
 
     Args:
         stream: the recording.
@@ -32,9 +32,9 @@ def log_variance_split(
         epistemic: [T], epistemic variance of the forecast in m², summed over axes.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        true = observed.var(axis=0, ddof=1, dtype=np.float64).sum(axis=-1)
-        variances = finite(np.stack([true, aleatoric + epistemic, aleatoric, epistemic], axis=-1))
-        deviations = np.sqrt(np.maximum(variances, 0.0))
+        variance = observed.var(axis=0, ddof=1, dtype=np.float64).sum(axis=-1)
+        parts = (variance, aleatoric + epistemic, aleatoric, epistemic)
+        stds = np.sqrt(np.maximum(finite(np.stack(parts, axis=-1)), 0.0))
     colours = [OBSERVED, FORECAST, ALEATORIC, EPISTEMIC]
     style_lines(stream, entity, NAMES, colours, [3.0, 3.0, 2.0, 2.0])
-    send_scalars(stream, entity, TIMELINE, np.arange(1, len(deviations) + 1), deviations)
+    send_scalars(stream, entity, TIMELINE, np.arange(1, len(stds) + 1), stds)

@@ -1,4 +1,4 @@
-"""The Rerun viewer: in a window, and without one to take screenshots."""
+"""The Rerun viewer, in a window or without a window for screenshots."""
 
 import os
 import platform
@@ -21,9 +21,9 @@ from study.recording.integrity import check
 T = TypeVar("T")
 
 _PATIENCE = 60.0
-"""Seconds to wait for an answer."""
+"""Seconds to wait for an answer of the viewer."""
 _STARTING = 2.0
-"""Seconds after which a viewer that still runs has opened its window."""
+"""Seconds after the start at which a running viewer has opened its window."""
 _LOCALHOST = "127.0.0.1"
 WITHOUT_DISPLAY = "without one, --save writes to files"
 """How the commands that open the viewer work without a display."""
@@ -49,8 +49,8 @@ def open_viewer(paths: Sequence[Path]) -> None:
     for path in paths:
         check(path)
     check_display()
-    # By default the viewer listens to the whole network, and a second one hands its recordings to
-    # the first, whosever that is.
+    # By default the viewer accepts connections from the network. A second viewer sends its
+    # recordings to the first one, which may be another user's.
     command = [_executable(), "--bind", _LOCALHOST, "--port", "auto", *map(str, paths)]
     with TemporaryFile() as log:
         process = subprocess.Popen(
@@ -80,7 +80,7 @@ def check_display() -> None:
 
 
 def has_driver() -> bool:
-    """Whether a Vulkan driver is installed; other systems than Linux come with their own."""
+    """Whether a Vulkan driver is installed. Only on Linux it may be missing."""
     if platform.system() != "Linux":
         return True
     if any(os.environ.get(name) for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES")):
@@ -90,17 +90,17 @@ def has_driver() -> bool:
 
 @contextmanager
 def headless(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
-    """A viewer without a window, `width` by `height` pixels large, for a `with` block.
+    """A viewer without a window, `width` × `height` pixels, for a `with` block.
 
     Raises:
         StudyError: there is no Vulkan driver, or the viewer does not start.
     """
     if not has_driver():
         raise StudyError(_NO_DRIVER)
-    with socket.socket() as free:
-        free.bind((_LOCALHOST, 0))
-        port = free.getsockname()[1]
-    # `ViewerClient.spawn` would start a viewer that listens to the whole network.
+    with socket.socket() as probe:
+        probe.bind((_LOCALHOST, 0))
+        port = probe.getsockname()[1]
+    # `ViewerClient.spawn` would start a viewer that accepts connections from the network.
     command = [_executable(), "--headless", "--bind", _LOCALHOST, "--port", str(port)]
     command += ["--window-size", f"{width}x{height}"]
     with TemporaryFile() as log:
@@ -119,7 +119,7 @@ def headless(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
 
 
 def ask(question: Callable[[], T]) -> T:
-    """The answer of the viewer to a question, which is repeated if the viewer does not answer.
+    """Ask the viewer until it answers, and return the answer.
 
     Raises:
         StudyError: the viewer has not answered for a minute.
@@ -163,7 +163,7 @@ def _connect(port: int, process: subprocess.Popen[bytes], log: IO[bytes]) -> Vie
 
 
 def _reason(code: int, log: IO[bytes]) -> str:
-    """Why a viewer has ended: the last line of its log."""
+    """The reason why a viewer has ended: the last line of its log, or its exit code."""
     log.seek(0)
     lines = log.read().decode(errors="replace").strip().splitlines()
     return lines[-1].strip() if lines else f"exit code {code}"

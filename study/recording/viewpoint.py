@@ -1,4 +1,4 @@
-"""Where the viewer looks from into a 3D scene."""
+"""The viewpoint of the viewer in a 3D scene."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -7,16 +7,16 @@ from study.common.arrays import Doubles, Floats
 
 # Paths are flat if their height is below this share of their extent.
 _FLAT = 0.05
-# Distances of the eye, in extents. Flat paths need more: something may tower over them.
+# Distances of the eye, in extents. Flat paths need more, since bodies may be higher than the paths.
 _ABOVE = 3.0
 _ASIDE = 1.9
 
 
 def eye(observed: Floats, target: Floats) -> rrb.EyeControls3D:
-    """An eye that sees the observed paths [K, T, 3] and the target [3].
+    """An eye with the observed paths [K, T, 3] and the target [3], in m, in view.
 
-    It looks at paths on a table from above. It looks at a flight from the side, across its
-    direction, so that the height is visible.
+    The eye is above flat paths, such as those on a table. It is on the side of a flight, at a right
+    angle to its direction, so that the height is visible.
     """
     points = np.concatenate([observed.reshape(-1, 3), np.asarray(target).reshape(1, 3)])
     centre, half = centre_and_extent(points)
@@ -24,10 +24,10 @@ def eye(observed: Floats, target: Floats) -> rrb.EyeControls3D:
     if np.ptp(offsets[:, 2]) < _FLAT * half:
         direction = np.array([0.0, -0.4, 1.0]) * _ABOVE
     else:
-        # The horizontal direction in which the paths are longest, and the one across it.
+        # The horizontal direction in which the paths are longest, and the direction across.
         along = np.linalg.svd(offsets[:, :2].astype(np.float64), full_matrices=False)[2][0]
         across = np.array([along[1], -along[0]])
-        across *= -1.0 if across[1] > 0 else 1.0  # from the south, as one reads a map
+        across *= -1.0 if across[1] > 0 else 1.0  # from the south, so that east is on the right
         direction = np.array([*across, 0.45]) * _ASIDE
     return _orbit(centre + half * direction, centre)
 
@@ -40,7 +40,7 @@ def close_up(size: float) -> rrb.EyeControls3D:
 def centre_and_extent(points: Floats) -> tuple[Doubles, float]:
     """The centre [3] of points [..., 3], and half of the longest side of the box around them.
 
-    Points that are not finite are left out.
+    Points that are not finite are ignored.
     """
     flat = points.reshape(-1, 3).astype(np.float64)
     flat = flat[np.isfinite(flat).all(axis=1)]
