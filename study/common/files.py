@@ -84,9 +84,9 @@ def why_not_writable(folder: Path) -> str | None:
         while not folder.exists():
             folder = folder.parent
         if not folder.is_dir():
-            return f"{folder} is not a folder"
+            return f"'{folder}' is not a folder"
         if not os.access(folder, os.W_OK | os.X_OK):
-            return f"no permission to write to {folder}, or its file system is read-only"
+            return f"no permission to write to '{folder}', or its file system is read-only"
     except OSError as error:  # such as a name that is too long
         return explain(error)
     return None

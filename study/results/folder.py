@@ -104,8 +104,9 @@ def stored_settings(out: Path) -> tuple[Path, dict[str, Any]] | None:
         None if the folder has no study.
 
     Raises:
-        BadInput: the file is damaged.
+        BadInput: the file is damaged, or the study is of another version.
     """
+    check_format(out)
     for name in (RUN_SETTINGS, STUDY):
         path = out / name
         if path.is_file():
@@ -178,7 +179,7 @@ def _settings(out: Path, values: Any) -> Config:
 
 
 def _not_writable(out: Path, problem: str) -> BadInput:
-    return BadInput(f"--out: cannot write to '{out}': {problem}")
+    return BadInput(f"--out: cannot write to '{out}': {problem}; give another folder")
 
 
 def _nearest_study(out: Path) -> str:

@@ -78,7 +78,10 @@ def _label(name: str) -> str:
 
 def _different_settings(config: Config, out: Path) -> list[str]:
     """The settings on which numbers depend and that are not those of the results in a folder."""
-    old = _flat(_study(out).get("settings", {}))
+    settings = _study(out).get("settings")
+    if not isinstance(settings, dict):
+        return ["all, since study.json cannot be read"]
+    old = _flat(settings)
     new = _flat(json.loads(json.dumps(settings_of(config))))
     return [
         name

@@ -10,6 +10,7 @@ from study.recording.scores import record_scores
 from study.results import folder
 from study.run import main
 from tests.helpers import recordings
+from tests.helpers.running import configuration
 
 CELL = "pusher/low/residual_vae/seed-0"
 
@@ -70,7 +71,7 @@ def test_it_knows_the_cells_of_the_folder(
     assert f"unknown cell '{name}'" in capsys.readouterr().err
     facts = {
         "format": folder.FORMAT,
-        "settings": {"grid": {"seeds": [7]}},
+        "settings": folder.settings_of(configuration("--grid.seeds=[7]")),
         "cells": [],
         "versions": {},
     }

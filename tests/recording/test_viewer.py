@@ -103,3 +103,51 @@ def test_a_missing_driver_is_named_in_one_line(
     monkeypatch.setattr(viewer, "has_driver", lambda: False)
     with pytest.raises(StudyError, match=r"^no Vulkan driver.*mesa-vulkan-drivers\)$"):
         screenshots(tmp_path / "t.rrd", tmp_path)
+
+
+@pytest.fixture
+def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file to which a viewer that fails writes its command line."""
+    arguments, program = tmp_path / "arguments", tmp_path / "rerun"
+    program.write_text(f'#!/bin/sh\necho "$@" > {arguments}\necho no window >&2\nexit 1\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "_executable", lambda: str(program))
+    return arguments
+
+
+def test_without_a_display_it_says_so(
+    started: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    record_tuning(tmp_path / "t.rrd", recordings.trials(), {})
+    with pytest.raises(StudyError, match=r"^there is no display .*--save"):
+        viewer.open_viewer([tmp_path / "t.rrd"])
+    assert not started.exists()
+
+
+def test_a_viewer_that_fails_is_one_line_and_it_listens_to_this_machine_alone(
+    started: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":77")
+    record_tuning(tmp_path / "t.rrd", recordings.trials(), {})
+    with pytest.raises(StudyError, match=r"^the viewer does not start: no window; .*--save"):
+        viewer.open_viewer([tmp_path / "t.rrd"])
+    assert started.read_text().split()[:2] == ["--bind", "127.0.0.1"]
+
+
+@pytest.mark.viewer
+def test_the_viewer_for_screenshots_listens_to_this_machine_alone() -> None:
+    recordings.require_driver()
+    with viewer.headless():
+        sockets = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
+        processes = Path("/proc/self/task").glob(f"{os.getpid()}/children")
+        viewers = [child for path in processes for child in path.read_text().split()]
+        owned = {
+            os.readlink(link).removeprefix("socket:[").removesuffix("]")
+            for child in viewers
+            for link in Path(f"/proc/{child}/fd").glob("*")
+        }
+    rows = [line.split() for line in sockets.splitlines() if "local_address" not in line]
+    listening = [row[1].split(":")[0] for row in rows if row[3] == "0A" and row[9] in owned]
+    assert set(listening) == {"0100007F"}
