@@ -1,14 +1,14 @@
 """The command line: ``python -m study.run COMMAND``. Each command is a file of `study.commands`.
 
 torch, lightning, mujoco and matplotlib take seconds to import, so commands import them when they
-need them.
+need them. Nothing is imported before `isolate`, since libraries read their surroundings then.
 """
 
 import os
 import sys
 
-from study.commands.parser import parse
 from study.common.errors import StudyError, explain
+from study.common.isolation import isolate
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C: 128 + SIGINT, as in shells."""
@@ -27,6 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
         141 the reader of a pipe, such as `head`, has ended.
     """
     try:
+        isolate()
         return _run(sys.argv[1:] if arguments is None else arguments)
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -42,6 +43,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    from study.commands.parser import parse
+
     try:
         command, options = parse(arguments)
         code: int = command.run(options)

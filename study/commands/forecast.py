@@ -11,11 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from study.commands.command import DEFAULT_OUT, Command, Flag
+from study.commands.machine import check_samples
 from study.commands.terminal import Bar, console, say
 from study.common.errors import BadInput
 from study.common.files import why_not_writable
 from study.results import folder
-from study.workflow.engine import quiet_rerun
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from study.envs import Simulator
@@ -77,7 +77,6 @@ def run(options: Options) -> int:
     if options.save is not None and options.save.suffix != ".rrd":
         raise BadInput(f"--save: got '{options.save}'; it must be a .rrd file")
     _check_targets(options)
-    quiet_rerun()
     results = folder.read(options.out)
     cell = results.cell(options.cell, "--cell")
 
@@ -91,6 +90,8 @@ def run(options: Options) -> int:
         write_plan(options.write, simulator, plan)
         print(options.write)
         return 0
+    if options.samples is not None:
+        check_samples("--samples", options.samples, plan.actions.shape[0] * plan.s0.size)
     terminal = console()
     if changed := results.origin.changed_source([cell]):
         say(terminal, f"note: {options.out}: {changed}")

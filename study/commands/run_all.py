@@ -7,6 +7,7 @@ from rich.console import Console
 
 from study.commands.command import Command, StudyOptions
 from study.commands.display import run_displayed
+from study.commands.machine import check_accelerator, check_memory
 from study.commands.terminal import console, say
 from study.common.errors import BadInput, StudyError
 from study.config.grid import cells, select
@@ -49,7 +50,9 @@ def run(options: Options) -> int:
     store = Store(out / "work")
     chosen = select(cells(config), options.only)
     check_writable(out)
+    check_memory(config)
     records = record_tasks(config, store)
+    check_accelerator(config, topological_order(records[cell] for cell in chosen), store)
     if refused := why_refused(config, chosen, store, out):
         raise BadInput(f"--out: {refused}; give another --out")
     create(out)

@@ -9,7 +9,6 @@ import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.style.core import STYLE_BLACKLIST
 
 from study.plotting import lines
 from study.plotting.palette import Colour, model_colours
@@ -87,8 +86,8 @@ def context() -> mpl.RcParams:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mpl.MatplotlibDeprecationWarning)
         defaults = {name: mpl.rcParamsDefault[name] for name in mpl.rcParamsDefault}
-    defaults = {name: defaults[name] for name in defaults.keys() - STYLE_BLACKLIST}
-    return mpl.RcParams(defaults | SETTINGS)
+        del defaults["backend"]  # a figure is written without one
+        return mpl.RcParams(defaults | SETTINGS)
 
 
 def save(drawing: Figure, stem: Path) -> list[Path]:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
+from lightning.pytorch.plugins.environments import LightningEnvironment
 
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
@@ -92,7 +93,11 @@ def fit(
     best = ModelCheckpoint(checkpoints, monitor="validation_score", save_weights_only=True)
     patience = options.patience or options.steps
     stop = EarlyStopping("validation_score", patience=patience, check_finite=True)
+    # One process, whatever a cluster's environment variables say.
+    environment = LightningEnvironment()
+    environment.set_global_rank(0)
     trainer = L.Trainer(
+        plugins=[environment],
         accelerator=options.accelerator,
         devices=1,
         max_steps=options.steps,

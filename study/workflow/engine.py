@@ -11,6 +11,7 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from study.common.errors import BadInput
 from study.config.settings import Engine
 
 T = TypeVar("T")
@@ -51,20 +52,25 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def quiet_rerun() -> None:
-    """Hide Rerun's warnings from the terminal."""
-    os.environ.setdefault("RUST_LOG", "error")
-
-
 @contextmanager
 def executor(engine: Engine) -> Iterator[Executor]:
-    """Start the engine, and stop it on exit."""
-    quiet_rerun()
+    """Start the engine, and stop it on exit.
+
+    Raises:
+        BadInput: a file of Dask's settings, of the user or the machine, is damaged.
+    """
     if engine.kind == "serial":
         yield SerialExecutor()
         return
-    import dask
-    from distributed import Client, LocalCluster, WorkerPlugin
+    try:
+        import dask
+        from distributed import Client, LocalCluster, WorkerPlugin
+    except ValueError as error:
+        raise BadInput(
+            f"Dask cannot be started: {' '.join(str(error).split())[:200]}; mend that file, or use "
+            "--engine.kind serial"
+        ) from None
+    dask.config.refresh(paths=[], env={})  # its defaults, without files and variables
 
     class IgnoreInterrupts(WorkerPlugin):
         """Ctrl-C reaches every process of the terminal. Only the main process handles it."""

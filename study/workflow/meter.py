@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 STATUS, CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 class Meter:
@@ -29,6 +30,14 @@ class Meter:
         cost = {"seconds": time.perf_counter() - self._wall, "cpu_seconds": _cpu() - self._cpu}
         peak = _peak() if self._peak else None
         return cost if peak is None else cost | {"peak_memory": peak}
+
+
+def memory_size() -> int:
+    """The memory of this machine, or of the container that this process is in, in bytes."""
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with suppress(OSError, ValueError):  # no such file, or the word max
+        return min(installed, int(LIMIT.read_text(encoding="utf-8")))
+    return installed
 
 
 def _cpu() -> float:
