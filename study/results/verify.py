@@ -26,7 +26,7 @@ from study.common.read_back import why_incomplete
 from study.config.grid import Cell
 from study.recording import integrity
 from study.results import checksums, summary
-from study.results.folder import Results
+from study.results.folder import STUDY, Results
 
 REMEDY = "restore it, or write it again: python -m study.run all"
 
@@ -120,7 +120,7 @@ def check_summary(results: Results, problems: list[str], progress: Progress) -> 
         return
     with tempfile.TemporaryDirectory(prefix="study-verify-") as temporary:
         repeated = Path(temporary)
-        for name in (summary.SCORES, summary.TRIALS):
+        for name in (summary.SCORES, summary.TRIALS, STUDY):
             shutil.copyfile(results.out / name, repeated / name)
         if (results.out / "illustrations").is_dir():
             shutil.copytree(results.out / "illustrations", repeated / "illustrations")
