@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from study.common.errors import BadInput, StudyError
 from study.common.seeds import spawn
 from study.envs import gymnasium_id, simulators
+from study.envs.card.filmstrip import frames
 from study.envs.gymnasium_env import SimulatorEnv
 from study.examples import cart
+from tests.helpers import bodiless
 
 NAMES = ["pusher", "uav", cart.Cart.name]
 
@@ -121,6 +124,37 @@ def test_the_horizon_is_an_argument() -> None:
     environment.reset(seed=0)
     ends = [environment.step(np.zeros(2))[3] for _ in range(3)]
     assert ends == [False, False, True]
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0, np.inf], [0.0], 0.0, [[0.0, 0.0]]])
+def test_an_action_that_is_not_finite_or_has_another_shape_is_refused(action: object) -> None:
+    environment = make("pusher")
+    before, _ = environment.reset(seed=0)
+    with pytest.raises(ValueError, match="action: got"):
+        environment.step(action)  # type: ignore[arg-type]
+    after = environment.step(np.zeros(2))[0]
+    environment.reset(seed=0)
+    np.testing.assert_array_equal(after, environment.step(np.zeros(2))[0])
+    assert np.isfinite(before).all()
+
+
+@pytest.mark.parametrize("horizon", [0, -3])
+def test_a_horizon_below_one_is_refused(horizon: int) -> None:
+    with pytest.raises(BadInput, match=f"got a horizon of {horizon}; it must be at least 1"):
+        make("pusher", horizon=horizon)
+
+
+def test_a_system_without_a_scene_says_that_it_cannot_be_drawn() -> None:
+    environment = make(bodiless.Bodiless.name, render_mode="rgb_array")
+    environment.reset(seed=0)
+    with pytest.raises(StudyError, match="has no MuJoCo scene and cannot be drawn"):
+        environment.render()
+    with pytest.raises(StudyError, match="has no MuJoCo scene and cannot be drawn"):
+        frames(environment.simulator, np.zeros((5, 2), np.float32), np.zeros(1, np.float32))
+
+
+def test_a_title_may_have_any_characters() -> None:
+    assert gymnasium_id(bodiless.Bodiless) == "study/50-_a-b-c-d-v0"
 
 
 def test_misuse_raises_a_clear_error() -> None:
