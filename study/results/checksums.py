@@ -1,6 +1,6 @@
 """``SHA256SUMS``: the checksum of every file of a results folder.
 
-A run writes it last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
+A run writes this file last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
 """
 
 from collections.abc import Collection
@@ -37,7 +37,11 @@ def write(out: Path) -> None:
 
 
 def renew(out: Path, folders: Collection[str]) -> None:
-    """Write new checksums of the files in some folders; those of other files stay as they are."""
+    """Write new checksums of the files in some folders. The checksums of other files do not change.
+
+    Raises:
+        StudyError: a file cannot be read back, or the old checksums are missing or damaged.
+    """
     checksums = {
         name: value for name, value in read(out).items() if name.split("/")[0] not in folders
     }
@@ -52,7 +56,7 @@ def read(out: Path) -> dict[str, str]:
     """The checksums, by file name relative to `out`.
 
     Raises:
-        StudyError: they are missing or cannot be read.
+        StudyError: the checksums are missing or damaged.
     """
     path = out / NAME
     try:
@@ -76,20 +80,20 @@ def problems(out: Path) -> list[str]:
         checksums = read(out)
     except StudyError:
         return [f"{'damaged' if (out / NAME).exists() else 'missing'}: {out / NAME}"]
-    found = [f"missing: {out / name}" for name in checksums if not (out / name).is_file()]
+    lines = [f"missing: {out / name}" for name in checksums if not (out / name).is_file()]
     for name in names:
         if name not in checksums:
-            found.append(f"not listed in {NAME}: {out / name}")
+            lines.append(f"not listed in {NAME}: {out / name}")
         elif sha256(out / name) != checksums[name]:
-            found.append(f"damaged: {out / name}")
-    return sorted(found)
+            lines.append(f"damaged: {out / name}")
+    return sorted(lines)
 
 
 def check(path: Path, out: Path) -> None:
     """Check one file of a results folder before it is used.
 
     Raises:
-        StudyError: it is missing, not listed, or damaged.
+        StudyError: the file is missing, not listed, or damaged.
     """
     if not path.is_file():
         raise StudyError(f"{path} is missing; {RUN_AGAIN}")
@@ -101,7 +105,7 @@ def check(path: Path, out: Path) -> None:
 
 
 def present(out: Path) -> list[str]:
-    """Names of the study's files in the folder, sorted. Hidden files are none of them."""
+    """The sorted names of the study's files in the folder, without hidden files."""
     paths = [out / name for name in FILES]
     paths += [path for folder in FOLDERS for path in (out / folder).rglob("*")]
     names = [path.relative_to(out) for path in paths if path.is_file()]

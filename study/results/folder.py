@@ -1,6 +1,6 @@
-"""A results folder: reading its ``study.json``, and checking that it can be written.
+"""A results folder: read its ``study.json``, and check that the folder is writable.
 
-``study.json`` has all settings of the study, so a reader needs no configuration.
+``study.json`` has all settings of the study, so a reader needs no configuration file.
 """
 
 from dataclasses import dataclass
@@ -31,9 +31,9 @@ class Results:
 
     Attributes:
         out: the folder.
-        config: settings of the study; those of the engine have their defaults.
+        config: settings of the study; the settings of the engine are the defaults.
         complete: the cells that have results.
-        origin: with what they were made.
+        origin: versions, device and source of the results.
     """
 
     out: Path
@@ -45,7 +45,7 @@ class Results:
         """The complete cell called `name`.
 
         Raises:
-            BadInput: there is none. The error names `flag`, the flag of the command line.
+            BadInput: there is no such cell. The error names `flag`, the flag of the command line.
         """
         for cell in self.complete:
             if cell.name == name:
@@ -58,7 +58,7 @@ class Results:
         return self.out / "weights" / f"{cell.name}.safetensors"
 
     def has_weights(self, cell: Cell) -> bool:
-        """Whether the setting ``publish.weights`` asked for the weights of the cell."""
+        """Whether the setting ``publish.weights`` includes the weights of the cell."""
         return not cell.is_reference and among(cell, self.config.publish.weights)
 
 
@@ -66,7 +66,7 @@ def read(out: Path) -> Results:
     """Read the ``study.json`` of a results folder, and import the plugins of its study.
 
     Raises:
-        BadInput: there is no study, or one of another version, or a plugin is missing.
+        BadInput: there is no study, the study is of another version, or a plugin is missing.
         StudyError: ``study.json`` is damaged.
     """
     path = out / STUDY
@@ -86,14 +86,14 @@ def read(out: Path) -> Results:
 
 
 def settings_of(config: Config) -> dict[str, Any]:
-    """All settings as JSON, except those of the engine, on which no number depends."""
+    """All settings as JSON, except those of the engine, which do not change the results."""
     settings = to_json(config)
     settings.pop("engine")
     return settings
 
 
 def write_run_settings(out: Path, config: Config) -> None:
-    """Note the settings of a run that begins, since ``study.json`` is written at its end."""
+    """Write the settings at the start of a run, since a run writes ``study.json`` at its end."""
     write_json(out / RUN_SETTINGS, settings_of(config))
 
 
@@ -122,7 +122,7 @@ def check_writable(out: Path) -> None:
     """Check that a results folder can be created or written to.
 
     Raises:
-        BadInput: it cannot, or a study of another version is in it.
+        BadInput: the folder is not writable, or has a study of another version.
     """
     if problem := why_not_writable(out):
         raise _not_writable(out, problem)
@@ -133,13 +133,13 @@ def check_format(out: Path) -> None:
     """Check that no study of another version is in a results folder.
 
     Raises:
-        BadInput: one is.
+        BadInput: there is such a study.
     """
     if (out / STUDY).exists():
         try:
             found = read_json(out / STUDY).get("format")
         except (OSError, ValueError, AttributeError):
-            return  # it is damaged, and will be written again
+            return  # a damaged file, which the run writes again
         _check_format(out, found)
 
 
@@ -147,7 +147,7 @@ def create(out: Path) -> None:
     """Create a results folder, unless it exists.
 
     Raises:
-        BadInput: it cannot be created.
+        BadInput: the folder cannot be created.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -183,6 +183,6 @@ def _not_writable(out: Path, problem: str) -> BadInput:
 
 
 def _nearest_study(out: Path) -> str:
-    """The studies beside the folder that was asked for, to end an error."""
-    others = sorted(str(path.parent) for path in out.parent.glob(f"*/{STUDY}"))
-    return f"; {nearest(str(out), others)}" if others else ""
+    """The clause of an error that names the studies beside a folder."""
+    studies = sorted(str(path.parent) for path in out.parent.glob(f"*/{STUDY}"))
+    return f"; {nearest(str(out), studies)}" if studies else ""

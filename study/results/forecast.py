@@ -1,9 +1,9 @@
-"""Forecast one scenario with the weights of a results folder: no training, no ``work/``.
+"""Forecast one scenario with the weights of a results folder, without training and ``work/``.
 
-A test scenario is sampled again from the settings of the study, to the same bits. So are the seeds
-of its observed rollouts and of its forecasts. With the number of samples that the study took, these
-are the forecasts that it scored. A plan from a file gets the noise of a test scenario, so that two
-plans can be compared under the same noise.
+A test scenario is sampled again from the settings of the study, to the same bits. The same holds
+for the seeds of its observed rollouts and of its forecasts. With the study's number of samples the
+forecasts are those that the study scored. A plan from a file gets the noise of a test scenario, so
+that two plans can be compared under the same noise.
 """
 
 import json
@@ -33,22 +33,22 @@ from study.workflow.pipeline import Pipeline
 README = """
 # A forecast
 
-The first tab names a start s₀ and actions a₀ … a_{T−1}. From these, the real system was run K times
-(**observed**, grey), and the model forecast as often as asked for (**forecast**, blue), with the
-weights of the study.
+The first tab names an initial state s₀ and actions a₀ … a_{T−1}. From these, the real system was
+run several times (**observed**, grey). The model forecast several trajectories (**forecast**,
+blue), with the weights of the study.
 """
 
 
 @dataclass(frozen=True)
 class Request:
-    """What to forecast.
+    """A request for a forecast.
 
     Attributes:
         results: the results folder.
         cell: the cell whose forecaster is used.
         scenario: index of the test scenario; with `file`, only its noise is used.
-        file: a plan to forecast in place of the scenario's.
-        samples: number K of forecasts; None for as many as the study took.
+        file: a plan that replaces that of the scenario.
+        samples: K, the number of forecasts; None for the study's number.
     """
 
     results: Results
@@ -59,12 +59,12 @@ class Request:
 
     @property
     def title(self) -> str:
-        """A few words that name the forecast."""
+        """A name of the forecast, in a few words."""
         return f"scenario {self.scenario}" if self.file is None else self.file.name
 
     @property
     def description(self) -> str:
-        """A sentence that says where the actions and the noise come from."""
+        """A sentence about the source of the actions and of the noise."""
         if self.file is None:
             return f"Scenario {self.scenario} of the test set."
         return f"A plan from a file, with the noise of test scenario {self.scenario}."
@@ -75,7 +75,7 @@ class Request:
 
 
 def read_request(request: Request) -> Plan:
-    """The plan to forecast: that of the test scenario, or that of the file.
+    """The plan to forecast, from the test scenario or from the file.
 
     Raises:
         BadInput: there is no such scenario, or the file cannot be used.
@@ -156,8 +156,8 @@ class PositionStd:
 def position_std(simulator: Simulator, example: Example, count: int) -> PositionStd:
     """Standard deviations of the position at `count` evenly spaced control steps.
 
-    The squares of the parts add up to that of the total. The estimate of the epistemic
-    variance is unbiased and may be below zero by chance; its standard deviation is then 0.
+    The squares of the parts add up to the square of the total. The estimate of the epistemic
+    variance is unbiased and may be negative by chance. The standard deviation is then 0.
     """
     forecasts = position_variance(simulator, example.forecast, example.member)
     observed = position_variance(simulator, example.observed)
@@ -206,7 +206,7 @@ def record(path: Path, request: Request, simulator: Simulator, example: Example)
 def _observe(
     simulator: Simulator, plan: Plan, rollouts: int, noise: Seeds, progress: Progress
 ) -> ScenarioSet:
-    """A set of one scenario: the plan, observed `rollouts` times."""
+    """A set of one scenario: the plan, with `rollouts` observed rollouts."""
     s0, actions, goal = plan.s0[None], plan.actions[None], plan.goal[None]
     parts = repeat_rollouts(simulator, s0, actions, rollouts, noise, progress)
     return concatenate(ScenarioSet(s0, actions, goal, *part, {}) for part in parts)

@@ -1,7 +1,7 @@
-"""Join studies that were run apart, each with its own seeds, into one study.
+"""Join studies with different seeds into one study.
 
-The result is what a single run of all seeds would have written: scores, claims, tables, figures and
-weights have the same bytes.
+The result is that of a single run of all seeds: scores, claims, tables, figures and weights have
+the same bytes.
 """
 
 import shutil
@@ -30,7 +30,7 @@ from study.results.publish import CELL_FOLDERS
 
 
 def join(folders: Sequence[Path], out: Path) -> None:
-    """Write the study of all seeds of `folders` to `out`, which appears when it is complete.
+    """Write the study of all seeds of `folders`. The folder `out` appears when it is complete.
 
     Raises:
         BadInput: there are fewer than two folders, or their studies differ in more than their seeds
@@ -47,7 +47,7 @@ def join(folders: Sequence[Path], out: Path) -> None:
     for part in parts:
         if problems := checksums.problems(part.out):
             raise StudyError(f"{problems[0]}; restore it, or run that study again")
-    # A hidden folder beside `out`, always of the same name, which a killed run may have left.
+    # A killed run may have left this hidden folder, since its name is always the same.
     partial = out.with_name(f".{out.name}.new")
     shutil.rmtree(partial, ignore_errors=True)
     create(partial)
@@ -59,7 +59,7 @@ def join(folders: Sequence[Path], out: Path) -> None:
 
 
 def _joined_config(parts: Sequence[Results]) -> Config:
-    """The settings of the first study, with the seeds of all."""
+    """The settings of the first study, with the seeds of all studies."""
     first = parts[0]
     for number, part in enumerate(parts):
         if different := _different_settings(first, part):
@@ -72,14 +72,14 @@ def _joined_config(parts: Sequence[Results]) -> Config:
     return replace(first.config, grid=replace(first.config.grid, seeds=seeds))
 
 
-def _different_settings(one: Results, other: Results) -> list[str]:
+def _different_settings(first: Results, second: Results) -> list[str]:
     """The settings and versions in which two studies differ, except their seeds and names."""
-    first, second = (
+    a, b = (
         _flat(settings_of(part.config) | {"versions": dict(part.origin.versions)})
-        for part in (one, other)
+        for part in (first, second)
     )
-    names = (first.keys() | second.keys()) - {"grid.seeds", "name"}
-    return [name for name in sorted(names) if first.get(name) != second.get(name)]
+    names = (a.keys() | b.keys()) - {"grid.seeds", "name"}
+    return [name for name in sorted(names) if a.get(name) != b.get(name)]
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -95,10 +95,10 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
     complete = {cell for part in parts for cell in part.complete}
     failed = {name for part in parts for name in read_json(part.out / STUDY)["failed"]}
     for part in parts:
-        of_study = part.out / STUDY_RECORDING
+        study_recording = part.out / STUDY_RECORDING
         for folder in CELL_FOLDERS:
             for path in sorted((part.out / folder).rglob("*")):
-                if path.is_file() and not path.name.startswith(of_study.name):
+                if path.is_file() and not path.name.startswith(study_recording.name):
                     copy(path, out / path.relative_to(part.out))
     grid, problem = cells(config), None
     try:
@@ -113,7 +113,7 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
             ),
             out,
         )
-    except StudyError as error:  # a picture could not be drawn; all else is written
+    except StudyError as error:  # a figure could not be drawn; all other files are written
         problem = error
     timings.join([part.out for part in parts], out)
     checksums.write(out)
@@ -122,7 +122,7 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
 
 
 def _read_rows(parts: Sequence[Results], name: str, grid: Sequence[Cell]) -> pd.DataFrame:
-    """The rows of a table of all parts, cell after cell in the order of the grid."""
+    """The rows of a table of all parts, in the order of the cells of the grid."""
     rows = pd.concat([pd.read_parquet(part.out / name) for part in parts], ignore_index=True)
     position = pd.Series({cell.name: index for index, cell in enumerate(grid)})
     names = rows.environment + "/" + rows.level + "/" + rows.model

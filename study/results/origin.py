@@ -1,7 +1,7 @@
-"""With what the results of a study were made: versions, device, compiler, threads and source.
+"""The origin of the results of a study: versions, device, compiler, threads and source.
 
-Each stage notes these in its manifest, and ``study.json`` collects them. So they are those of the
-process that computed the numbers, whatever is installed when the results are published or read.
+Each stage writes its origin into its manifest, and ``study.json`` collects them. So the origin is
+that of the process that computed the numbers, not of the process that publishes or reads them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,16 +16,16 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 
 SEPARATOR = "; "
-"""Between values, if not all stages have the same."""
+"""Separates values that differ between stages."""
 DIGITS = 16
-"""Of the digest of a module that are kept."""
+"""Number of digits of the digest of a module."""
 NAMED = 3
-"""Modules that an error names, at most."""
+"""Largest number of modules that a message names."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """With what results were made. Values that differ between stages stand side by side.
+    """The origin of results. A value that differs between stages is a list in one string.
 
     Attributes:
         versions: of Python and of packages, by name.
@@ -42,33 +42,34 @@ class Origin:
     source: Mapping[str, str] = field(default_factory=dict)
 
     def changed_source(self, cells: Iterable[Cell]) -> str | None:
-        """What is to be said of source that is not that of the results; None if it is the same.
+        """A message if the source differs from that of the results; None if it is the same.
 
         Args:
-            cells: the cells whose environments and models count.
+            cells: the cells whose environments and models are compared.
         """
         from study.envs import simulators  # torch takes seconds to import
         from study.models.checkpoints import class_of
 
         if not self.source:
             return "it is unknown with which source of environments and models these were made"
-        own: list[str] = []
+        registered: list[str] = []
         for cell in cells:
-            own.append(simulators[cell.environment].__module__)
+            registered.append(simulators[cell.environment].__module__)
             if cell.model != "oracle":
-                own.append(class_of(cell.model).__module__)
-        own = list(dict.fromkeys(own))
-        now = source_digests(tuple(own))
-        changed = [name for name in now if self.source.get(name) != now[name][:DIGITS]]
+                registered.append(class_of(cell.model).__module__)
+        registered = list(dict.fromkeys(registered))
+        current = source_digests(tuple(registered))
+        changed = [name for name in current if self.source.get(name) != current[name][:DIGITS]]
         if not changed:
             return None
-        changed.sort(key=lambda name: (name not in own, name))  # environments and models first
+        # Environments and models come first.
+        changed.sort(key=lambda name: (name not in registered, name))
         names = ", ".join(changed[:NAMED]) + " …" * (len(changed) > NAMED)
         return f"the source has changed since these were made: {names}; scores may differ"
 
 
 def of_tasks(tasks: Iterable[Task], store: Store) -> Origin:
-    """The origin of results, from the manifests of the tasks that made them."""
+    """The origin of results, from the manifests of their tasks."""
     parts = []
     for task in tasks:
         try:
@@ -81,7 +82,7 @@ def of_tasks(tasks: Iterable[Task], store: Store) -> Origin:
 
 
 def join(parts: Iterable[Origin]) -> Origin:
-    """The origin of results that were made apart."""
+    """The origin of results that several processes computed."""
     parts = list(parts)
 
     def merged(values: Iterable[str]) -> str:
@@ -107,7 +108,7 @@ def to_json(origin: Origin) -> dict[str, Any]:
 
 
 def from_json(facts: Mapping[str, Any]) -> Origin:
-    """What `to_json` gave; earlier versions of the study have versions alone.
+    """The origin from the result of `to_json`. Earlier versions of the study wrote only versions.
 
     Raises:
         KeyError: there are no versions.

@@ -1,7 +1,7 @@
-"""What a run must not destroy: results that neither it nor ``work/`` can make again.
+"""Protection of results that neither a run nor ``work/`` can compute again.
 
 A results folder that was copied or joined has no ``work/``. A run of some of its cells, or with
-other settings, would replace its scores, weights and recordings for good, so it is refused.
+other settings, would replace its scores, weights and recordings. So such a run is refused.
 """
 
 import json
@@ -17,13 +17,13 @@ from study.results.folder import STUDY, settings_of
 from study.workflow.store import Store
 
 NAMED = 6
-"""Cells that an error names, at most."""
+"""Largest number of cells that an error names."""
 PATTERNS = ("weights/*/*/*/seed-*.safetensors", "recordings/*/*/*/seed-*")
-"""Where a results folder has files of a cell."""
+"""Patterns of the files of a cell in a results folder."""
 WITHOUT_EFFECT = ("name", "plugins", "ablations", "publish.")
-"""Settings, and beginnings of settings, on which the numbers of a cell do not depend."""
+"""Settings, and prefixes of settings, on which the numbers of a cell do not depend."""
 OF_SOME_CELLS = ("grid.", "model.")
-"""Beginnings of settings that other cells than those of a study may have."""
+"""Prefixes of settings that may concern only cells outside a study."""
 
 
 def why_refused(config: Config, made: Collection[Cell], store: Store, out: Path) -> str | None:
@@ -60,7 +60,7 @@ def _published(out: Path) -> set[str]:
 
 
 def _evaluated(store: Store) -> set[str]:
-    """The labels of the tasks `evaluate` in the store, of any settings."""
+    """The labels of the tasks `evaluate` in the store, with any settings."""
     labels = set()
     for path in (store.root / "evaluate").glob(f"*/{MANIFEST}"):
         try:
@@ -71,13 +71,13 @@ def _evaluated(store: Store) -> set[str]:
 
 
 def _label(name: str) -> str:
-    """The label of the task `evaluate` of a cell: levels and seeds share that of the oracle."""
+    """The label of the task `evaluate` of a cell. All levels and seeds share that of the oracle."""
     environment, *_ = parts = name.split("/")
     return f"{environment}/oracle" if "oracle" in parts else name
 
 
 def _different_settings(config: Config, out: Path) -> list[str]:
-    """The settings on which numbers depend and that are not those of the results in a folder."""
+    """The settings that change numbers and differ from those of the results in a folder."""
     settings = _study(out).get("settings")
     if not isinstance(settings, dict):
         return ["all, since study.json cannot be read"]
@@ -98,7 +98,7 @@ def _only_other_cells(name: str, old: Mapping[str, Any], new: Mapping[str, Any])
 
 
 def _study(out: Path) -> dict[str, Any]:
-    """The content of ``study.json``; empty if there is none, or none that can be read."""
+    """The content of ``study.json``; empty if the file is missing or damaged."""
     try:
         facts = read_json(out / STUDY)
     except (OSError, ValueError):

@@ -1,7 +1,8 @@
 """Bring a results folder up to date with the folders of the stages.
 
-Recordings, weights and illustrations of cells are copied; the rest (`study.results.summary`) is
-written again when its inputs changed or when a file differs from ``SHA256SUMS``.
+Recordings, weights and illustrations of cells are copied. The other files
+(`study.results.summary`) are written again if their inputs changed or if a file differs from
+``SHA256SUMS``.
 """
 
 from collections.abc import Collection, Mapping
@@ -50,8 +51,8 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
         return False
     files = _cell_files(config, complete, store, out)
     changed = _remove_others(files, out)
-    # A recording goes before its checksum (a longer name): if the run stops between the two, the
-    # recording counts as damaged.
+    # A recording is copied before its checksum, which has a longer name. If the run stops between
+    # the two, the recording counts as damaged.
     for target, source in sorted(files.items(), key=lambda pair: len(pair[0].name)):
         if not same_bytes(source, target):
             checksum_path(target).unlink(missing_ok=True)
@@ -69,7 +70,7 @@ def publish(config: Config, records: Records, store: Store, out: Path) -> bool:
 def why_not_published(
     config: Config, records: Records, store: Store, out: Path, due: Collection[Task]
 ) -> str | None:
-    """Why `publish` would write something after the tasks `due` have run; None if it would not."""
+    """Why `publish` would write a file after the tasks `due` have run; None if it would not."""
     complete = _published(records, store, due)
     failed = [] if due else _failed(records, store)
     why = _why_not_current(out, _inputs(config, complete, failed, store))
@@ -79,7 +80,7 @@ def why_not_published(
 def _published(records: Records, store: Store, due: Collection[Task] = ()) -> Records:
     """The cells with results, after the tasks `due` have run.
 
-    A recording that cannot be drawn keeps no scores back.
+    A cell has results even if its recording could not be written.
     """
 
     def is_scored(task: Task) -> bool:
@@ -93,7 +94,7 @@ def _published(records: Records, store: Store, due: Collection[Task] = ()) -> Re
 
 
 def _failed(records: Records, store: Store) -> list[str]:
-    """Names of the cells that have no scores since one of their stages failed."""
+    """Names of the cells without scores because one of their stages failed."""
     return [
         cell.name
         for cell, task in records.items()
@@ -102,7 +103,7 @@ def _failed(records: Records, store: Store) -> list[str]:
 
 
 def _fails(task: Task, store: Store) -> bool:
-    """Whether a task is not complete since it, or a task before it, failed."""
+    """Whether a task is incomplete because this task or one of its inputs failed."""
     if store.reason_to_run(task) is None:
         return False
     return store.failure(task).exists() or any(_fails(t, store) for t in task.inputs.values())
@@ -137,19 +138,19 @@ def _why_not_current(out: Path, inputs: str) -> str | None:
 def _cell_files(config: Config, complete: Records, store: Store, out: Path) -> dict[Path, Path]:
     """The files of cells that belong into `out`: the source of each, by its target."""
     files = {}
-    chosen = config.publish
+    published = config.publish
     for cell, task in complete.items():
         for path in store.folder(task).glob("*.rrd*"):
             is_forecast = path.name.startswith("forecast.")
-            if among(cell, chosen.forecasts if is_forecast else chosen.recordings):
+            if among(cell, published.forecasts if is_forecast else published.recordings):
                 files[out / "recordings" / cell.name / path.name] = path
         for path in store.folder(task.inputs["data_recording"]).glob("*.rrd*"):
             files[out / "recordings" / cell.environment / path.name] = path
-        if "trained" in task.inputs and among(cell, chosen.weights):
+        if "trained" in task.inputs and among(cell, published.weights):
             weights = store.folder(task.inputs["trained"]) / "model.safetensors"
             files[out / "weights" / f"{cell.name}.safetensors"] = weights
         illustration = store.folder(task.inputs["evaluation"]) / "illustration.safetensors"
-        if illustration.is_file() and among(cell, chosen.recordings):
+        if illustration.is_file() and among(cell, published.recordings):
             files[out / "illustrations" / f"{cell.name}.safetensors"] = illustration
     return files
 
@@ -158,15 +159,15 @@ def _remove_others(files: Mapping[Path, Path], out: Path) -> bool:
     """Remove the files of cells that are no longer part of the results."""
     recording = out / STUDY_RECORDING
     expected = {*files, recording, checksum_path(recording)}
-    others = [
+    obsolete = [
         path
         for folder in CELL_FOLDERS
         for path in (out / folder).rglob("*")
         if path.is_file() and path not in expected
     ]
-    for path in others:
+    for path in obsolete:
         path.unlink()
         for folder in path.relative_to(out).parents[:-2]:  # all but `recordings` and the like
             if not any((out / folder).iterdir()):
                 (out / folder).rmdir()
-    return bool(others)
+    return bool(obsolete)

@@ -1,9 +1,9 @@
 """Evaluate a cell of a results folder again from its weights, and compare the scores.
 
 On the same machine, with the same versions, the scores are the same to the last bit. Another
-processor or version rounds differently. A recurrent network carries the difference from step to
-step, and now and then a forecast moves across a threshold, which changes the probability of one
-scenario by 1/K. The comparison allows for that: see `TOLERANCE` and `SHARE`.
+processor or version rounds differently, and a recurrent network propagates the difference from step
+to step. A forecast may then cross a threshold, which changes the probability of one scenario by
+1/K. `TOLERANCE` and `SHARE` allow for these differences.
 """
 
 import tempfile
@@ -24,10 +24,10 @@ from study.workflow.store import Store
 from study.workflow.worker import prepare, run_stage
 
 TOLERANCE = 0.001
-"""Allowed difference of a score, relative to the score if its size is above 1. Tables have three
+"""Allowed difference of a score: absolute up to a score of 1, relative above. Tables have three
 digits."""
 SHARE = 0.99
-"""Share of all scores that must be within the tolerance. Scores over all scenarios must all be."""
+"""Share of all scores that must be within the tolerance. Every score over all scenarios must be."""
 KEYS = ["metric", "dimension", "step", "scenario"]
 
 
@@ -72,7 +72,7 @@ def compare(name: str, published: pd.DataFrame, repeated: pd.DataFrame) -> tuple
         repeated: the same columns.
 
     Returns:
-        whether they agree, and a sentence that says how far they are apart.
+        whether the scores agree, and a sentence about their differences.
     """
     if not published[KEYS].astype(str).equals(repeated[KEYS].astype(str)):
         counts = f"{len(published)} scores are published, the new evaluation has {len(repeated)}"
@@ -82,15 +82,15 @@ def compare(name: str, published: pd.DataFrame, repeated: pd.DataFrame) -> tuple
         return True, f"{name}: {len(old)} scores of a new evaluation, all the same numbers"
     with np.errstate(invalid="ignore"):
         difference = np.abs(new - old) / np.maximum(1.0, np.abs(old))
-    same = (old == new) | (np.isnan(old) & np.isnan(new))
-    difference = np.where(same, 0.0, np.where(np.isnan(difference), np.inf, difference))
+    equal = (old == new) | (np.isnan(old) & np.isnan(new))
+    difference = np.where(equal, 0.0, np.where(np.isnan(difference), np.inf, difference))
     overall = (published.scenario == -1).to_numpy()
     largest, within = int(difference.argmax()), float((difference <= TOLERANCE).mean())
     row = published.iloc[largest]
-    where = ", ".join(f"{key} {row[key]}" for key in KEYS)
+    location = ", ".join(f"{key} {row[key]}" for key in KEYS)
     text = (
         f"{name}: {len(old)} scores of a new evaluation: largest difference "
-        f"{difference[largest]:.2g} ({where}), of scores over all scenarios "
+        f"{difference[largest]:.2g} ({location}), of scores over all scenarios "
         f"{difference[overall].max():.2g}; {within:.2%} are within {TOLERANCE:g}, "
         f"at least {SHARE:.0%} must be"
     )

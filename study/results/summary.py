@@ -1,8 +1,8 @@
 """The files of a results folder about the whole study, written from the scores of its cells.
 
 These are ``study.json``, ``scores.parquet``, ``trials.parquet``, the verdicts on the claims,
-tables, figures, and ``recordings/study.rrd``. A cell that failed or has not run has no scores, and
-the tables show it as such.
+tables, figures, and ``recordings/study.rrd``. A cell that failed or has not run has no scores. The
+tables show which of the two it is.
 """
 
 import json
@@ -35,7 +35,7 @@ from study.workflow.task_cache import topological_order
 SCORES, TRIALS = "scores.parquet", "trials.parquet"
 CLAIMS, VERDICTS = "claims.json", "claims.md"
 PLOTTED = ("tables", "figures")
-"""Folders of what is plotted from the scores."""
+"""Folders of the tables and figures."""
 DOCUMENTS = {
     "Brier scores": "tables/brier_*.md",
     "Claims": VERDICTS,
@@ -49,12 +49,12 @@ class Summary:
     """A whole study, without the recordings and weights of its cells.
 
     Attributes:
-        config: its settings.
+        config: settings of the study.
         complete: the cells that have results, in the order of the grid.
-        failed: names of the cells that have none since a stage failed.
-        scores: of the complete cells, in their order, to single precision.
+        failed: names of the cells without results because a stage failed.
+        scores: of the complete cells in their order, in single precision.
         trials: of the searches for β of the complete cells.
-        origin: with what the results were made.
+        origin: versions, device and source of the results.
     """
 
     config: Config
@@ -88,9 +88,9 @@ def collect(
 
 
 def single_precision(scores: pd.DataFrame) -> pd.DataFrame:
-    """Scores rounded to float32, since forecasts are float32 and more digits only fill the file.
+    """Scores rounded to float32. Forecasts are float32, so more digits have no information.
 
-    The column stays float64, so that sums over it are in double precision.
+    The type of the column stays float64, so that sums over the scores are in double precision.
     """
     return scores.assign(value=scores.value.astype(np.float32).astype(np.float64))
 
@@ -99,8 +99,8 @@ def write(summary: Summary, out: Path) -> None:
     """Write all files about the whole study. The recordings of the cells must be in `out`.
 
     Raises:
-        StudyError: a figure or the recording of the study could not be drawn. All other files are
-            written, the scores among them.
+        StudyError: a figure or the recording of the study could not be written. All other files
+            are written, including the scores.
     """
     _write_parquet(summary.scores, out / SCORES)
     _write_parquet(summary.trials, out / TRIALS)
@@ -119,9 +119,9 @@ def write(summary: Summary, out: Path) -> None:
     for folder in PLOTTED:
         shutil.rmtree(out / folder, ignore_errors=True)
     problems = []
-    for draw in (lambda: plot(out), lambda: _record(summary, out)):
+    for step in (lambda: plot(out), lambda: _record(summary, out)):
         try:
-            draw()
+            step()
         except OSError:
             raise
         except Exception as error:
@@ -142,10 +142,10 @@ def write_claims(scores: pd.DataFrame, out: Path) -> None:
 
 
 def plot(out: Path) -> list[Path]:
-    """Write every table and figure, from the scores in `out` alone, and remove all others.
+    """Write all tables and figures from the scores in `out`, and remove obsolete ones.
 
     Returns:
-        their paths.
+        paths of the tables and figures.
     """
     from paper_figs import all as scripts
 
@@ -158,7 +158,7 @@ def plot(out: Path) -> list[Path]:
 
 
 def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
-    """Every trial of every search for β, one row each."""
+    """A table with a row for every trial of every search for β."""
     rows: list[dict[str, Any]] = []
     for cell, task in complete.items():
         if "tuning" in task.inputs:
@@ -176,8 +176,8 @@ def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
     numbers = list(table.select_dtypes("float64"))
     with replacing(path) as temporary:
-        # Splitting numbers into streams of bytes puts the zeros of the single-precision values side
-        # by side, where they compress to nothing.
+        # In separate streams of bytes, the zero bytes of the single-precision values are adjacent,
+        # so that they compress well.
         table.to_parquet(
             temporary,
             index=False,

@@ -1,6 +1,6 @@
-"""``timings.json``: what each stage of a study cost.
+"""``timings.json``: the cost of each stage of a study.
 
-Timings differ from run to run, so they are not in ``study.json``.
+Timings differ between runs, so they are not in ``study.json``.
 """
 
 import platform
@@ -17,11 +17,11 @@ from study.workflow.task import Task
 
 NAME = "timings.json"
 PER_STAGE = {"seconds": 3, "cpu_seconds": 3, "peak_memory": 0}
-"""Quantities of each stage, and the decimals to which they are rounded."""
+"""The quantities of each stage, and the decimals to which they are rounded."""
 
 
 def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
-    """Write what each task cost, and how the tasks were run.
+    """Write the cost of each task, and the engine that ran the tasks.
 
     Wall time and CPU time are in seconds, and peak memory in bytes. A quantity that was not
     measured is left out.
@@ -45,7 +45,7 @@ def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> Non
 
 
 def join(folders: Iterable[Path], out: Path) -> None:
-    """Write the timings of studies that were run apart as those of one study."""
+    """Write the timings of several studies as those of one study."""
     parts = [read_json(folder / NAME) for folder in folders]
     merged = {
         quantity: {name: value for part in parts for name, value in part[quantity].items()}
@@ -56,7 +56,7 @@ def join(folders: Iterable[Path], out: Path) -> None:
 
 
 def parallel_tasks(config: Config, out: Path) -> int:
-    """How many tasks ran in parallel in the run that published the results."""
+    """The number of parallel tasks of the run that published the results."""
     try:
         return int(read_json(out / NAME)["workers"])
     except (OSError, ValueError, KeyError, TypeError):

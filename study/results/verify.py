@@ -1,9 +1,10 @@
 """Check a results folder: its files, its recordings, and what is computed from its scores.
 
 Claims, tables and figures are written again from the scores, in a temporary folder, and compared
-byte for byte. Two figures with different bytes are equal if their content is: the pixels of a PNG,
-the unpacked streams of a PDF (another zlib compresses to other bytes). Two JSON files are equal if
-their numbers agree to nine digits (another processor rounds differently).
+byte for byte. Files with different bytes may have the same content. Two PNG files are equal if
+their pixels are. Two PDF files are equal if their unpacked streams are, since another zlib
+compresses to other bytes. Two JSON files are equal if their numbers agree to nine digits, since
+another processor rounds differently.
 """
 
 import re
@@ -36,9 +37,9 @@ class Check:
     """The outcome of one check.
 
     Attributes:
-        name: what was checked.
-        ok: whether it passed.
-        text: what was found.
+        name: subject of the check.
+        ok: whether the check passed.
+        text: the result in words.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Check:
 
     @property
     def line(self) -> str:
-        """One line for the terminal."""
+        """The outcome in one line, for the terminal."""
         return f"{'ok' if self.ok else 'DIFFERS':8} {self.name:10} {self.text}"
 
 
@@ -56,7 +57,7 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
 
     Args:
         results: the results folder.
-        rerun: a cell to evaluate again; None for none.
+        rerun: a cell to evaluate again; None for no cell.
         progress: called with the fraction done.
 
     Yields:
@@ -72,18 +73,19 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
     if changed := results.origin.changed_source([rerun] if rerun else results.complete):
         yield Check("source", True, changed)
     installed = versions()
-    others = [
+    different = [
         f"{name} {version} (installed: {installed.get(name)})"
         for name, version in results.origin.versions.items()
         if installed.get(name) != version
     ]
-    if others:
-        text = f"made with {', '.join(others)}: last digits and pictures may differ for that reason"
+    if different:
+        names = ", ".join(different)
+        text = f"made with {names}: last digits and pictures may differ for that reason"
         yield Check("versions", True, text)
 
 
 def check_files(results: Results, problems: list[str]) -> Iterator[Check]:
-    """Every file against ``SHA256SUMS``; `problems` are from `checksums.problems`."""
+    """Compare every file with ``SHA256SUMS``; `problems` are from `checksums.problems`."""
     if not problems:
         count = len(checksums.read(results.out))
         problems = [
@@ -98,7 +100,7 @@ def check_files(results: Results, problems: list[str]) -> Iterator[Check]:
 
 
 def check_recordings(results: Results) -> Check:
-    """Every recording against the checksum beside it, with which a recording can be passed on."""
+    """Compare every recording with the checksum file beside it."""
     paths = sorted((results.out / "recordings").rglob("*.rrd"))
     for path in paths:
         try:
@@ -109,7 +111,7 @@ def check_recordings(results: Results) -> Check:
 
 
 def check_summary(results: Results, problems: list[str], progress: Progress) -> Iterator[Check]:
-    """Claims, tables and figures against those that are computed from the scores."""
+    """Compare claims, tables and figures with those that are computed from the scores."""
     sources = [summary.SCORES, summary.TRIALS, "illustrations", checksums.NAME]
     damaged = [
         line for line in problems if any(f"{results.out / name}" in line for name in sources)
@@ -135,7 +137,7 @@ def check_summary(results: Results, problems: list[str], progress: Progress) -> 
 
 
 def check_scores(results: Results, cell: Cell, progress: Progress) -> Check:
-    """The scores of a cell against those of a new evaluation."""
+    """Compare the scores of a cell with those of a new evaluation."""
     from study.results import rerun
 
     try:
@@ -147,7 +149,7 @@ def check_scores(results: Results, cell: Cell, progress: Progress) -> Check:
 
 
 def compare_files(name: str, out: Path, repeated: Path, pattern: str) -> Check:
-    """The files of `out` that match a pattern against those of `repeated`, by bytes or content."""
+    """Compare the files of `out` that match a pattern with those of `repeated`."""
     published, expected = (
         {path.relative_to(folder).as_posix() for path in folder.glob(pattern)}
         for folder in (out, repeated)
@@ -169,7 +171,7 @@ def compare_files(name: str, out: Path, repeated: Path, pattern: str) -> Check:
 
 
 def content_difference(published: Path, expected: Path) -> str | None:
-    """How two files of the same name differ in content; None if their content is the same."""
+    """The difference of the contents of two files, in words; None if the contents are the same."""
     if published.suffix == ".png":
         return _pixel_difference(published, expected)
     if published.suffix == ".pdf" and _streams(published) == _streams(expected):
@@ -196,21 +198,21 @@ def _pixel_difference(published: Path, expected: Path) -> str | None:
     return f"differs in {different.mean():.2%} of its pixels" if different.any() else None
 
 
-def _nearly_equal(one: Any, other: Any) -> bool:
-    """Whether two JSON values are the same, their numbers to nine digits."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(
-            _nearly_equal(value, other[key]) for key, value in one.items()
+def _nearly_equal(a: Any, b: Any) -> bool:
+    """Whether two JSON values are the same, with numbers compared to nine digits."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(
+            _nearly_equal(value, b[key]) for key, value in a.items()
         )
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_nearly_equal, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return bool(np.isclose(one, other, rtol=1e-9, atol=1e-12, equal_nan=True))
-    return bool(one == other)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_nearly_equal, a, b))
+    if isinstance(a, float) and isinstance(b, float):
+        return bool(np.isclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True))
+    return bool(a == b)
 
 
 def _streams(path: Path) -> list[bytes]:
-    """The unpacked streams of a PDF. The rest of the file is their positions."""
+    """The unpacked streams of a PDF. The other bytes of the file are the positions of streams."""
     streams = []
     for stream in re.findall(rb"stream\r?\n(.*?)endstream", path.read_bytes(), re.DOTALL):
         try:

@@ -34,7 +34,7 @@ def load_forecaster(results: Results, cell: Cell, simulator: Simulator) -> Forec
 
 
 def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
-    """Write a cell's weights into a folder, under the name that the stage evaluate reads.
+    """Write a cell's weights into a folder, with the file name that the stage evaluate reads.
 
     Raises:
         StudyError: the weights are not published, missing or damaged.
@@ -46,10 +46,10 @@ def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
 
 
 def _load_ensemble(results: Results, cell: Cell) -> RnnEnsemble:
-    """The ensemble alone. It has no file; every model that was fitted to its residuals holds it."""
-    for other in results.complete:
-        if results.has_weights(other) and replace(other, model="ensemble") == cell:
-            ensemble = fitted_ensemble(load_model(_checked_path(results, other)))
+    """The ensemble alone, from the file of a model that was fitted to its residuals."""
+    for fitted in results.complete:
+        if results.has_weights(fitted) and replace(fitted, model="ensemble") == cell:
+            ensemble = fitted_ensemble(load_model(_checked_path(results, fitted)))
             if ensemble is not None:
                 return ensemble
     raise StudyError(
@@ -61,7 +61,8 @@ def _load_ensemble(results: Results, cell: Cell) -> RnnEnsemble:
 def _checked_path(results: Results, cell: Cell) -> Path:
     """The file of a cell's weights, checked against ``SHA256SUMS``."""
     if not results.has_weights(cell):
-        published = [other.name for other in results.complete if results.has_weights(other)]
+        weighted = filter(results.has_weights, results.complete)
+        published = [complete.name for complete in weighted]
         raise StudyError(
             f"{results.out} has no weights of '{cell.name}' (see the setting publish.weights): "
             f"{nearest(cell.name, published)}"
