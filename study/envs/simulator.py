@@ -109,6 +109,7 @@ class Simulator(ABC):
     (The study itself notices a change of the source.)"""
     state: ClassVar[tuple[Variable, ...]]
     action: ClassVar[tuple[Variable, ...]]
+    """Their bounds are finite."""
     unobserved: ClassVar[tuple[Variable, ...]] = ()
     """Variables that act on a trajectory and that no model sees."""
     goal: ClassVar[tuple[Variable, ...]]
