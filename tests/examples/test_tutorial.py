@@ -44,7 +44,7 @@ def test_the_command_of_the_page_runs(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_steps_from_a_copy_to_a_scored_cell(tmp_path: Path) -> None:
     """In a folder of one's own, in other processes, with the worker processes of Dask."""
-    steps = "".join(re.findall(r"^```sh\n(.*?)^```", PAGE.read_text(), re.M | re.S))
+    steps = "".join(re.findall(r"^```bash\n(.*?)^```", PAGE.read_text(), re.M | re.S))
     small = [flag for flag in SMALL if "kind" not in flag] + ["--engine.workers=1"]
     script = (
         steps.replace("study/examples/", f"{PAGE.parent}/")
