@@ -3,10 +3,11 @@
     python -m paper_figs.fig3_mmd results/paper
 
 Curves are averages over scenarios, state dimensions and seeds. Bands are 95 % t intervals over
-seeds and scenarios at each step (`study.metrics.intervals`). The vertical scale is a square root,
-so heights are proportional to MMD. The unbiased MMD² of the oracle has mean zero and can be
-negative. Dotted lines are reference shifts: the MMD² of the oracle's forecasts, shifted by 0.1, 0.3
-and 1 standard deviations (sd) of the observed rollouts.
+seeds and scenarios at each step (`study.metrics.intervals`). The axis shows the range of the curves
+and cuts wide bands. The vertical scale is a square root, so heights are proportional to MMD. The
+unbiased MMD² of the oracle has mean zero and can be negative. Dotted lines are reference shifts:
+the MMD² of the oracle's forecasts, shifted by 0.1, 0.3 and 1 standard deviations (sd) of the
+observed rollouts.
 """
 
 import sys
@@ -25,7 +26,7 @@ from paper_figs.command import command
 from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
-from study.metrics.intervals import band
+from study.metrics.intervals import band, basis
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -66,7 +67,7 @@ def _plot_environment(
     counts = {}
     with mpl.rc_context(style.context()):
         # More models need a higher legend; the panel keeps its height.
-        figure = style.figure(height=2.7 + 0.15 * max(0, len(models(curves)) - 7))
+        figure = style.figure(height=2.85 + 0.15 * max(0, len(models(curves)) - 7))
         axes = figure.subplots()
         for model in models(curves):
             for level in levels(curves):
@@ -77,7 +78,8 @@ def _plot_environment(
                 _curve(axes, values, model, level, palette[model])
         _reference_shifts(axes, shifts)
         _finish(axes, environment, counts)
-        _legend(figure, list(counts), levels(curves), palette, not shifts.empty)
+        seeds = {r for model, (r, _) in counts.items() if model != ORACLE} or {1}
+        _legend(figure, list(counts), levels(curves), palette, not shifts.empty, seeds)
         return style.save(figure, stem)
 
 
@@ -116,8 +118,10 @@ def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:
 
 def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) -> None:
     axes.set_yscale("function", functions=(_signed_root, _signed_square))
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(min(bottom, -0.001), top)
+    curves = np.concatenate([np.asarray(line.get_ydata()) for line in axes.lines])
+    # With few seeds a band can be far wider, and reach below zero, where no true MMD² is.
+    top = 1.2 * float(curves.max())
+    axes.set_ylim(min(1.5 * float(curves.min()), -0.001), top)
     axes.yaxis.set_major_locator(FixedLocator(TICKS[top >= TICKS].tolist()))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -138,8 +142,9 @@ def _legend(
     shown_levels: list[str],
     palette: dict[str, str],
     with_shifts: bool,
+    seeds: set[int],
 ) -> None:
-    """A legend of colours for models and of line styles for levels."""
+    """A legend of colours for models, of line styles for levels, and of what bands are."""
     handles = [
         Line2D([], [], color=palette[model], label=label(model), **style.line(model, "low"))
         for model in shown_models
@@ -151,7 +156,14 @@ def _legend(
     if with_shifts:
         handles.append(Line2D([], [], label="reference shift", **SHIFT_LINE))
     ncols = style.columns(handles)
-    figure.legend(handles=handles, loc="outside lower center", ncols=ncols, handlelength=2.2)
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=ncols,
+        handlelength=2.2,
+        title=f"bands: {basis(seeds)}",
+        title_fontsize=mpl.rcParams["legend.fontsize"],
+    )
 
 
 def _signed_root(value: Doubles) -> Doubles:

@@ -4,7 +4,7 @@
 
 A point is a bin of scenarios with similar forecast probabilities of success, at least ten for each
 seed. It shows the observed frequency of success over the mean forecast
-(`study.metrics.reliability`). Bars are 95 % t intervals over seeds and scenarios. A reliable
+(`study.metrics.reliability`). Bars are 95 % t intervals over scenarios, for these seeds. A reliable
 forecaster is on the diagonal. The dotted line is the base rate. In the shaded area forecasts are
 better than the base rate (the attributes diagram of Hsu and Murphy 1986). Histograms of the
 forecasts are below the diagram.
@@ -99,7 +99,7 @@ def _forecasts(scores: pd.DataFrame, environment: str, level: str) -> dict[str, 
 
 def _layout(columns: int, rows: int) -> tuple[Figure, list[Axes], list[Axes]]:
     """One panel for each level, square if there are two, with a strip of histograms below."""
-    figure = style.figure(height=2.68 + STRIP * rows)
+    figure = style.figure(height=2.8 + STRIP * rows)
     axes = figure.subplots(
         2, columns, sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, STRIP * rows]
     )
@@ -160,7 +160,10 @@ def _counts(cells: list[dict[str, Forecasts]]) -> str:
     scenarios = max(len(f.observed) for cell in cells for f in cell.values())
     trained = [len(f.probability) for c in cells for model, f in c.items() if model != ORACLE]
     seeds = max(trained, default=0)
-    return f"{scenarios} scenarios, {seeds} training seed{'' if seeds == 1 else 's'}"
+    return (
+        f"{scenarios} scenarios, {seeds} training seed{'' if seeds == 1 else 's'};\n"
+        "bars: 95 % t intervals over scenarios"
+    )
 
 
 def _legend(figure: Figure, shown: list[str], palette: dict[str, str], counts: str) -> None:

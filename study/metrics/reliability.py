@@ -157,10 +157,10 @@ def reliability_curve(
 ) -> Curve:
     """Mean forecast and observed frequency of each bin, with a 95 % interval of the frequency.
 
-    Intervals are t intervals over scenarios, and over training seeds if there are several
-    (`study.metrics.intervals`). A frequency is a ratio of means, so they are intervals of its
-    linear approximation, within [0, 1]. They are around the observed frequency and not around the
-    diagonal (Bröcker and Smith 2007), because a diagram shows several models.
+    Intervals are t intervals over scenarios, for the given training seeds. With few seeds,
+    intervals over seeds too would fill the diagram. A frequency is a ratio of means, so they are
+    intervals of its linear approximation, within [0, 1]. They are around the observed frequency and
+    not around the diagonal (Bröcker and Smith 2007), because a diagram shows several models.
 
     Each forecast is binned by its own value, so the curve of a perfect forecaster with few samples
     is slightly too flat. `decompose` corrects this bias.
@@ -179,8 +179,8 @@ def reliability_curve(
     count = within.sum((0, 1))
     successes = within * observed[:, None]
     mean = successes.sum((0, 1)) / count
-    # Each forecast's contribution to the error of the frequency, to first order; its mean is zero.
-    error = band((successes - mean * within) / within.mean((0, 1)))
+    # Each scenario's contribution to the error of the frequency, to first order; its mean is zero.
+    error = band((successes - mean * within).mean(0, keepdims=True) / within.mean((0, 1)))
     return Curve(
         (within * forecast[..., None]).sum((0, 1)) / count,
         mean,

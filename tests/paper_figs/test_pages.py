@@ -3,14 +3,19 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from paper_figs import outcome_tables, score_tables
 from paper_figs.pages import benchmark_tables, study_tables
 from paper_figs.pages.marks import rewritten
+from paper_figs.scores import read_scores
 from study.claims.paper import BRIER
 from study.common.errors import BadInput
-from study.config.names import LABELS, MODELS
+from study.config.names import FULL, LABELS, MODELS
+from study.metrics.tables.table import select
+from tests.paper_figs.known_scores import SAMPLES
 
 RESULTS = Path(__file__).parents[2] / "results"
 PAGE = (
@@ -53,6 +58,25 @@ def test_a_block_without_an_end_is_refused(end: str) -> None:
         rewritten(PAGE.replace("<!-- end -->", end), tables)
     with pytest.raises(BadInput, match="end"):
         rewritten(PAGE.replace("<!-- end -->", end, 1), tables)
+
+
+def test_skill_is_that_of_the_tables_of_outcomes(outcome_results: Path) -> None:
+    study = study_tables.Study(outcome_results)
+    blocks = outcome_tables.blocks(read_scores(outcome_results), "uav", "low", SAMPLES)
+    for row in blocks[0].rows:
+        assert study.skill("uav", "low", row.model) == pytest.approx(row.skill)
+
+
+def test_the_variance_ratio_is_that_of_the_tables_of_scores(forecast_results: Path) -> None:
+    study = study_tables.Study(forecast_results)
+    table = score_tables.rows(read_scores(forecast_results), "uav", "low")["variance_ratio"]
+    assert study.variance_ratio("uav", "low", FULL) == table[FULL]
+    # The horizon of these scores ends before the first step: its last step counts.
+    ratio = select(study.scores, "variance_ratio", "uav", "low", FULL, by="dimension and step")
+    last = ratio.loc[:, ratio.columns.get_level_values("step") == 6]
+    assert table[FULL] == np.median(last)
+    one = study.variance_ratio("uav", "low", FULL, "speed")
+    assert one == np.median(last["speed"])
 
 
 @pytest.mark.parametrize(("table", "metric"), [("brier", "brier"), ("mmd", "mmd2")])

@@ -7,6 +7,7 @@ import numpy as np
 from study.data.trajectories import ScenarioSet
 from study.envs import Simulator
 from study.envs.card.histogram import uncertain
+from study.metrics.brier import brier_oracle
 from study.metrics.normality import count_rejections, not_gaussian, not_unimodal
 
 LEVEL = 0.01
@@ -78,7 +79,7 @@ def measure(simulator: Simulator, scenarios: ScenarioSet) -> Facts:
         nominal=float(simulator.outcome(nominal, scenarios.goal).mean()),
         base_rate=base_rate,
         uncertain=uncertain(success),
-        oracle=float((probability * (1 - probability)).mean() * rollouts / (rollouts - 1)),
+        oracle=float(brier_oracle(probability, rollouts).mean()),
         climatology=base_rate * (1 - base_rate),
         not_gaussian=gaussian.count,
         not_unimodal=unimodal.count,
