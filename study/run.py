@@ -1,7 +1,7 @@
 """The command line: ``python -m study.run COMMAND``. Each command is a file of `study.commands`.
 
-torch, lightning, mujoco and matplotlib take seconds to import, so commands import them when they
-need them. Nothing is imported before `isolate`, since libraries read their surroundings then.
+torch, lightning, mujoco and matplotlib take seconds to import, so a command imports them inside its
+functions. They are imported after `isolate`, since an import reads environment variables.
 """
 
 import os
@@ -50,11 +50,11 @@ def _run(arguments: list[str]) -> int:
         code: int = command.run(options)
         return code
     finally:
-        sys.stdout.flush()  # here and not on exit, where a closed pipe would be reported
+        sys.stdout.flush()  # on exit, Python would report a closed pipe
 
 
 def _close_output() -> int:
-    """Make standard output the null device, since Python flushes it on exit and would fail again.
+    """Replace standard output by the null device, since Python flushes it on exit and would fail.
 
     Returns:
         the exit code.

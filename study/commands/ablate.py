@@ -1,6 +1,6 @@
-"""Command `ablate`: change one choice at a time, and compare the effects on validation data.
+"""Command `ablate`: change one setting at a time, and compare the effects on validation data.
 
-The changes come from the setting `ablations`. A stage that does not depend on a change runs once,
+The changes are in the setting `ablations`. A stage that does not depend on a change runs only once,
 since its task is the same.
 """
 
@@ -29,7 +29,7 @@ from study.workflow.task import Task
 from study.workflow.task_cache import topological_order
 
 DETAILS = """\
-Each change is written as settings are on the command line, without dashes. β is searched for again
+Each change has the form of settings on the command line, without dashes. β is searched for again
 with every change. The test set is not used. OUT gets README.md, a table for each environment and
 level, and ablations.json.
 
@@ -55,9 +55,9 @@ set was not used. A dash (–) means that a change does not concern a model.
 """
 
 Variants = Mapping[str, Mapping[Cell, Task]]
-"""The task `validate` of every cell, by change; the change "" is none."""
+"""The task `validate` of every cell, by change. The key "" is for the settings without a change."""
 Scores = Mapping[str, Any]
-"""What the stage validate wrote for one cell."""
+"""The scores that the stage validate wrote for one cell."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ def changed_configs(config: Config) -> dict[str, Config]:
     """The settings with each change of `ablations`; first, under "", without a change.
 
     Raises:
-        BadInput: there is no change, or one is not allowed.
+        BadInput: there is no change, or a change is not allowed.
     """
     if not config.ablations:
         raise BadInput(
@@ -113,8 +113,8 @@ def validation_tasks(configs: Mapping[str, Config], only: str | None) -> Variant
     variants = {}
     for text, config in configs.items():
         pipeline = Pipeline(config)
-        chosen = [cell for cell in select(cells(config), only) if not cell.is_reference]
-        variants[text] = {cell: pipeline.validate(cell) for cell in chosen}
+        fitted = [cell for cell in select(cells(config), only) if not cell.is_reference]
+        variants[text] = {cell: pipeline.validate(cell) for cell in fitted}
     return variants
 
 
@@ -124,7 +124,7 @@ def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
     Args:
         out: the results folder.
         config: the settings without a change.
-        variants: the tasks. Cells whose task failed are shown as `failed`.
+        variants: the tasks. A cell whose task failed has the entry `failed`.
         store: the folders of the tasks.
 
     Returns:
@@ -141,9 +141,9 @@ def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
     grid = list(variants[""])
     lines = [EXPLANATION]
     for environment, level in dict.fromkeys((cell.environment, cell.level) for cell in grid):
-        of_table = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
+        part = [cell for cell in grid if (cell.environment, cell.level) == (environment, level)]
         lines += [f"## {label(environment)}, {label(level)}", ""]
-        lines += [*_table(of_table, variants, scores), ""]
+        lines += [*_table(part, variants, scores), ""]
     seeds = len({cell.seed for cell in grid})
     lines.append(
         f"{seeds} seed{'s' * (seeds > 1)}. Written by `python -m study.run ablate` with the "
@@ -160,24 +160,24 @@ def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
 def _table(
     grid: Sequence[Cell], variants: Variants, scores: Mapping[str, Mapping[str, Scores]]
 ) -> list[str]:
-    """A Markdown table: a row a change, a column a model."""
+    """A Markdown table with a row for each change and a column for each model."""
     models = list(dict.fromkeys(cell.model for cell in grid))
     columns = " | ".join(f"{label(model)}: MMD², skill, variance ratio" for model in models)
     lines = [f"| change | {columns} |", f"|---|{'---|' * len(models)}"]
     for text, by_cell in variants.items():
         entries = []
         for model in models:
-            chosen = [cell for cell in grid if cell.model == model]
-            if text and all(by_cell[cell] == variants[""][cell] for cell in chosen):
+            by_seed = [cell for cell in grid if cell.model == model]
+            if text and all(by_cell[cell] == variants[""][cell] for cell in by_seed):
                 entries.append("–")
             else:
-                entries.append(_entry([scores[text].get(cell.name) for cell in chosen]))
+                entries.append(_entry([scores[text].get(cell.name) for cell in by_seed]))
         lines.append(f"| {f'`{text}`' if text else UNCHANGED} | {' | '.join(entries)} |")
     return lines
 
 
 def _entry(by_seed: Sequence[Scores | None]) -> str:
-    """Scores of one model with one change: means over seeds, the range of MMD², and each β."""
+    """The scores of a model with a change: means over seeds, the range of MMD², and every β."""
     scores = [score for score in by_seed if score is not None]
     if len(scores) < len(by_seed):
         return "failed"
@@ -185,18 +185,18 @@ def _entry(by_seed: Sequence[Scores | None]) -> str:
     seed_range = f" ({min(mmd2):.3f}–{max(mmd2):.3f})" if len(mmd2) > 1 else ""
     skill, ratio = (_mean(scores, name) for name in ("brier_skill", "variance_ratio"))
     betas = [f"{score['beta']:.2g}" for score in scores if score["beta"] is not None]
-    of_betas = f" [β {', '.join(betas)}]" if betas else ""
-    return f"**{np.mean(mmd2):.3f}**{seed_range}, {skill}, {ratio}{of_betas}"
+    beta_list = f" [β {', '.join(betas)}]" if betas else ""
+    return f"**{np.mean(mmd2):.3f}**{seed_range}, {skill}, {ratio}{beta_list}"
 
 
 def _mean(scores: Sequence[Scores], name: str) -> str:
-    known = [score[name] for score in scores if score[name] is not None]
-    return f"{np.mean(known):.2f}" if known else "?"
+    values = [score[name] for score in scores if score[name] is not None]
+    return f"{np.mean(values):.2f}" if values else "?"
 
 
 COMMAND = Command(
     "ablate",
-    "change one choice at a time, and compare the effects on validation data",
+    "change one setting at a time, and compare the effects on validation data",
     Options,
     run,
     DETAILS,

@@ -1,4 +1,4 @@
-"""What a command is: a name, a summary, its options, and a function that runs it."""
+"""A command: its name, summary and options, and the function that runs the command."""
 
 from argparse import ArgumentTypeError
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from study.config.strict_yaml import INTEGER
 DEFAULT_OUT = Path("results/quick")
 """The results folder of commands that take no settings."""
 LONGEST_NUMBER = 18
-"""Digits of a number in an argument, at most."""
+"""Largest number of digits of an integer in an argument."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Flag:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions:
-    """What commands that take the settings of a study have in common.
+    """The options of all commands that take the settings of a study.
 
     Attributes:
         config: the settings.
@@ -55,10 +55,10 @@ class Command(Generic[Options]):
     Attributes:
         name: the word after ``python -m study.run``.
         summary: one line for the list of commands.
-        options: its dataclass of options, with fields annotated by `Argument` and `Flag`. A
-            subclass of `StudyOptions` is given the settings as well.
-        run: runs it and returns the exit code.
-        details: what its help says after the list of options: explanation and examples.
+        options: the dataclass of options, with fields annotated by `Argument` and `Flag`. A
+            subclass of `StudyOptions` gets the settings as well.
+        run: runs the command and returns the exit code.
+        details: explanation and examples in the help.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Command(Generic[Options]):
         return [name for name in self.arguments if name.startswith("--")]
 
     def read_options(self, values: Any, **settings: Any) -> Options:
-        """The options from the values that a parser found for `arguments`.
+        """The options from the values of `arguments` on the command line.
 
         Args:
             values: an attribute for each argument.
@@ -111,7 +111,7 @@ def _whole_number(text: str) -> int:
 
 
 def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:
-    """How `ArgumentParser` reads a field of options."""
+    """The arguments of `ArgumentParser.add_argument` for a field of options."""
     parsing: dict[str, Any] = {"help": kind.help}
     is_required = entry.default is MISSING
     if not is_required:

@@ -1,4 +1,4 @@
-"""Command `compare`: cells of one study side by side, by settings that differ and by scores."""
+"""Command `compare`: the settings that differ and the scores of some cells, side by side."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -45,24 +45,23 @@ class Options(StudyOptions):
 
 def run(options: Options) -> int:
     """Print the settings that differ, and the scores."""
-    known = [cell.name for cell in known_cells(options)]
+    names = [cell.name for cell in known_cells(options)]
     for name in options.cells:
-        check_cell(name, known)
+        check_cell(name, names)
     if len(set(options.cells)) < 2:
         raise BadInput(f"compare: got {options.cells[0]} alone; give two cells or more")
     results = folder.read(options.out)
-    chosen = [results.cell(name, "compare") for name in options.cells]
+    selected = [results.cell(name, "compare") for name in options.cells]
     terminal = console()
-    _print(terminal, "settings that differ", different_settings(results, chosen))
-    _print(terminal, "scores", scores(results.out, chosen))
+    _print(terminal, "settings that differ", different_settings(results, selected))
+    _print(terminal, "scores", scores(results.out, selected))
     return 0
 
 
 def different_settings(results: Results, cells: Sequence[Cell]) -> "pd.DataFrame":
-    """The settings that are not the same for all cells: a row a setting, a column a cell.
+    """The settings that are not the same for all cells, with a row for each and a column by cell.
 
-    A setting that a cell's stages do not depend on is None. Among the rows is the β that the search
-    chose.
+    A setting that a cell's stages do not depend on is None. One row is the β from the search.
     """
     columns = {cell.name: _settings(results, cell) for cell in cells}
     table = _side_by_side(columns)
@@ -70,7 +69,7 @@ def different_settings(results: Results, cells: Sequence[Cell]) -> "pd.DataFrame
 
 
 def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
-    """The scores of cells, aggregated as in the tables: a row a score, a column a cell."""
+    """The scores of cells, aggregated as in the tables: a row for each score, a column by cell."""
     import pandas as pd
 
     from paper_figs.score_tables import MEASURES, rows
@@ -89,7 +88,7 @@ def scores(out: Path, cells: Sequence[Cell]) -> "pd.DataFrame":
 
 
 def _settings(results: Results, cell: Cell) -> Column:
-    """The cell's coordinates, its β, and the settings of its stages, by their dotted names."""
+    """The environment, level, model, seed and β of a cell, and the settings of its stages."""
     import pandas as pd
 
     from study.workflow.pipeline import Pipeline
@@ -100,7 +99,7 @@ def _settings(results: Results, cell: Cell) -> Column:
     for task in topological_order([Pipeline(results.config).evaluate(cell)]):
         for path, value in _flat(task.settings, task.stage).items():
             section, name = path.split(".")[-2:]
-            # Seeds follow from the cell, and versions are those of the code.
+            # The seeds of stages depend on the cell alone.
             if name not in column and not name.endswith("_version"):
                 column[f"{section}.{name}"] = value
     return column
@@ -113,7 +112,7 @@ def _of_cell(table: "pd.DataFrame", cell: Cell) -> "pd.DataFrame":
 
 
 def _only(rows: "pd.DataFrame", column: str = "value") -> float | None:
-    """The value of the first row; None without any."""
+    """The value of the first row; None without rows."""
     return float(rows[column].iloc[0]) if len(rows) else None
 
 

@@ -1,4 +1,4 @@
-"""Live progress of a run: bars in a terminal, plain lines elsewhere."""
+"""The progress of a run: bars in a terminal, otherwise plain lines."""
 
 import threading
 import time
@@ -29,10 +29,10 @@ EXPECTED = {
     "record": 3.0,
     "record_data": 0.3,
 }
-"""Seconds of each stage, between those of quick.yaml and paper.yaml. The time left is estimated
-from these until stages of the run have ended."""
+"""Seconds of each stage, between those of quick.yaml and paper.yaml. The remaining time is
+estimated from these until stages of the run have ended."""
 INTERVAL = 60.0
-"""Seconds between two lines about running stages where the output is not a terminal."""
+"""Seconds between two lines about running stages, if the output is not a terminal."""
 
 
 def run_displayed(
@@ -55,8 +55,8 @@ class Display:
 
     Args:
         tasks: all tasks of the run.
-        store: their progress files and logs.
-        console: where to write.
+        store: holds the progress files and logs of the tasks.
+        console: the terminal.
     """
 
     def __init__(self, tasks: list[Task], store: Store, console: Console) -> None:
@@ -100,7 +100,7 @@ class Display:
             self._bars[task] = self._live.add_task(f"  {task.name}", total=1.0, note="")
 
     def finished(self, outcome: Outcome) -> None:
-        """Show how a task ended, in one line."""
+        """Show the outcome of a task in one line."""
         with self._lock:
             self.ended[outcome.task] = outcome.seconds
             if outcome.task in self._bars:
@@ -121,41 +121,41 @@ class Display:
                 shares = {task: self._share(task) for task in self._bars}
                 for task, (fraction, message) in shares.items():
                     self._live.update(self._bars[task], completed=fraction, note=escape(message))
-            done, left = self._estimate({task: share for task, (share, _) in shares.items()})
-            note = f"about {_words(left)} left" if left is not None else ""
-            self._live.update(self._total, completed=done, note=note)
+            fraction, rest = self._estimate({task: share for task, (share, _) in shares.items()})
+            note = f"about {_words(rest)} left" if rest is not None else ""
+            self._live.update(self._total, completed=fraction, note=note)
             if not self.console.is_terminal and time.monotonic() - last_line > INTERVAL:
                 last_line = time.monotonic()
                 running = ", ".join(f"{t.name} {s:.0%}" for t, (s, _) in shares.items())
-                with suppress(BrokenPipeError):  # the main thread finds it at its next line
-                    say(self.console, f"  … {done:.0%} {note}: {running}")
+                with suppress(BrokenPipeError):  # the next line of the main thread raises it too
+                    say(self.console, f"  … {fraction:.0%} {note}: {running}")
 
     def _share(self, task: Task) -> tuple[float, str]:
         state = read_progress(self.store.progress(task))
         return float(state.get("fraction", 0.0)), str(state.get("message", ""))
 
     def _estimate(self, shares: dict[Task, float]) -> tuple[float, float | None]:
-        """The fraction of the run that is done, and the seconds left; None while unknown."""
+        """The completed fraction of the run, and the remaining seconds; None while unknown."""
         expected = expectations(self.ended)
         weights = {task: self.ended.get(task) or expected(task.stage) for task in self.tasks}
         total = sum(weights.values())
-        done = sum(weights[task] for task in self.ended)
-        done += sum(weights[task] * share for task, share in shares.items())
+        completed = sum(weights[task] for task in self.ended)
+        completed += sum(weights[task] * share for task, share in shares.items())
         elapsed = time.monotonic() - self.began
-        if elapsed < 3 or done <= 0.01 * total:
-            return done / total, None
-        return done / total, elapsed * (total - done) / done
+        if elapsed < 3 or completed <= 0.01 * total:
+            return completed / total, None
+        return completed / total, elapsed * (total - completed) / completed
 
 
 def expectations(ended: Mapping[Task, float]) -> Callable[[str], float]:
-    """How long a stage is expected to take, given the tasks that have ended.
+    """The expected duration of a stage, from the tasks that have ended.
 
     Args:
         ended: seconds of each task that has ended; 0 for a task that was not run.
 
     Returns:
-        a function of the stage, in seconds: the mean of its ended tasks; without any, `EXPECTED`
-        times the ratio of actual to expected time of all ended tasks.
+        a function from a stage to seconds. This is the mean of the stage's ended tasks. Without
+        ended tasks it is `EXPECTED` times the ratio of actual to expected time of all ended tasks.
     """
     measured = {task: seconds for task, seconds in ended.items() if seconds}
     by_stage: dict[str, list[float]] = {}

@@ -21,11 +21,11 @@ class Options(StudyOptions):
 
     Attributes:
         environment: registered name.
-        to: folder of Minari data sets; None for Minari's own.
+        to: folder of Minari data sets; None for Minari's default.
     """
 
     environment: Annotated[str, Argument("such as pusher")]
-    to: Annotated[Path | None, Flag("folder of Minari data sets; Minari's own by default")] = None
+    to: Annotated[Path | None, Flag("folder of Minari data sets; by default that of Minari")] = None
 
 
 def run(options: Options) -> int:
@@ -37,8 +37,8 @@ def run(options: Options) -> int:
     print(f"simulating {count} trajectories, to be written to {export.data_set.folder}", flush=True)
     with Bar(console()) as bar:
         export.write(bar)
-    where = f", with MINARI_DATASETS_PATH={export.data_set.root}" if options.to else ""
-    print(f'minari.load_dataset("{export.data_set.id}") loads them{where}')
+    variable = f", with MINARI_DATASETS_PATH={export.data_set.root}" if options.to else ""
+    print(f'minari.load_dataset("{export.data_set.id}") loads them{variable}')
     return 0
 
 

@@ -26,7 +26,7 @@ def run(options: Options) -> int:
     """Write tables and figures, and print their paths.
 
     Raises:
-        BadInput: there are no scores, or the folder is in use or cannot be written to.
+        BadInput: there are no scores, or the folder is in use or not writable.
         StudyError: the scores are damaged.
     """
     from study.results import summary
@@ -44,7 +44,7 @@ def run(options: Options) -> int:
                 checksums.check(out / name, out)
         try:
             paths = summary.plot(out)
-        finally:  # if one of them cannot be drawn, the others are written
+        finally:  # if a figure fails, the other figures are written
             if has_checksums:
                 checksums.renew(out, summary.PLOTTED)
     for path in paths:

@@ -1,4 +1,4 @@
-"""The table at the end of a run: a row a cell, with its β, its scores and the paper's."""
+"""The table at the end of a run: β, the scores and the paper's score of every cell."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,12 +31,12 @@ def print_table(
     errors: Mapping[Task, str],
     out: Path,
 ) -> None:
-    """Print β, MMD² and plain Brier score of every cell, and where the results are.
+    """Print β, MMD² and plain Brier score of every cell, and the paths of the results.
 
-    Lines below name the cells with forecasts or training losses that are not finite, and errors.
+    The lines below name errors, and cells with forecasts or training losses that are not finite.
 
     Args:
-        console: where to print.
+        console: the terminal.
         config: settings of the study.
         records: the last task of every cell.
         store: the folders of the tasks.
@@ -88,7 +88,7 @@ def not_finite(scores: Scores, records: Mapping[Cell, Task], store: Store) -> li
 
 
 def _losses_not_finite(curves: Path) -> int:
-    """How many values of training curves are not finite; 0 without curves."""
+    """The number of values of training curves that are not finite; 0 without curves."""
     if not curves.is_file():
         return 0
     lines = curves.read_text(encoding="utf-8").splitlines()[1:]
@@ -98,14 +98,14 @@ def _losses_not_finite(curves: Path) -> int:
 
 
 def number(value: float | None, digits: int) -> str:
-    """A number with so many decimals; None is empty."""
+    """A number with `digits` decimals; empty for None."""
     if value is None:
         return ""
     return f"{value:.{digits}f}" if np.isfinite(value) else str(value)
 
 
 def _log(task: Task, error: str, store: Store) -> str:
-    """Where the log of a failed task is; a task that was not run may have one of an earlier run."""
+    """The path of a failed task's log. A task that was not run may have an old log."""
     path = store.log(task)
     return f"  log: {path}" if path.is_file() and not error.startswith(NOT_RUN) else ""
 

@@ -23,13 +23,13 @@ if TYPE_CHECKING:  # torch takes seconds to import
     from study.results.forecast import Request
 
 DETAILS = """\
-Needs the weights of a study, and nothing else: no training, no data.
+Needs only the weights of a study, without training or data.
 
 a plan has these columns, with the names and units of study/envs/README.md:
-  s0.NAME      the state at the start, one value:   s0.x, s0.y, …
-  goal.NAME    what is asked for, one value:        goal.target_x, …
+  s0.NAME      the initial state, one value:        s0.x, s0.y, …
+  goal.NAME    the goal, one value:                 goal.target_x, …
   action.NAME  the action of each control step:     action.vx, …
-In CSV the first row has all of them; the rows after it leave s0 and goal empty.
+In CSV the first row has a value in every column; in the other rows s0 and goal are empty.
 In JSON: {"s0": {"x": 0.0, …}, "goal": {…}, "action": {"vx": [1.0, …], …}}.
 
 examples
@@ -38,7 +38,7 @@ examples
   python -m study.run forecast --cell uav/high/residual_vae/seed-0 --file plan.csv --save my.rrd"""
 
 STEPS = 5
-"""Control steps at which standard deviations are printed, evenly spaced over the horizon."""
+"""Number of control steps, evenly spaced, at which standard deviations are printed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +48,10 @@ class Options:
     Attributes:
         cell: name of the cell whose forecaster is used.
         scenario: index of a test scenario.
-        file: a plan to forecast in place of the scenario's.
-        samples: number of forecasts; None for as many as the study took.
-        save: recording to write; None writes a temporary one and opens the viewer.
-        write: file to which the plan is written, in place of forecasting it.
+        file: a plan that replaces that of the scenario.
+        samples: number of forecasts; None for the study's number.
+        save: path of the recording; None writes a temporary one and opens the viewer.
+        write: file to which the plan is written; no forecast is made then.
         out: the results folder.
     """
 
@@ -69,7 +69,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Forecast, print a summary, and record the forecasts or open them in the viewer."""
+    """Forecast, print a summary, and write the recording or open it in the viewer."""
     if options.scenario is None and options.file is None:
         raise BadInput("--scenario: its value is missing; give one, or a plan with --file")
     if options.samples is not None and options.samples < 2:
@@ -98,7 +98,7 @@ def run(options: Options) -> int:
     with Bar(terminal) as bar:
         example = forecast(request, plan, bar)
     print_forecast(terminal, request, simulator, example)
-    # The viewer reads a temporary recording after this process has ended, so it stays.
+    # A temporary recording is not removed, since the viewer reads it after this process has ended.
     path = options.save or Path(tempfile.gettempdir(), f"study-{uuid4().hex}", "forecast.rrd")
     record(path, request, simulator, example)
     if options.save is None:
@@ -108,10 +108,10 @@ def run(options: Options) -> int:
 
 
 def _check_targets(options: Options) -> None:
-    """Check that what `run` is asked to write or to open can be, before it forecasts.
+    """Check before the forecast that files can be written and the viewer can be opened.
 
     Raises:
-        BadInput: a file cannot be written.
+        BadInput: a file is not writable.
         StudyError: there is no display.
     """
     from study.recording.viewer import check_display
@@ -146,7 +146,7 @@ def print_forecast(
 
 
 def outcome_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, ...]]:
-    """Outcome, forecast probability, its standard error by the number of samples, observed."""
+    """Outcome, forecast probability, standard error of its estimate, and observed probability."""
     from study.results.forecast import outcome_probabilities
 
     rows: list[tuple[str, ...]] = []
@@ -157,7 +157,7 @@ def outcome_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, 
 
 
 def std_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, ...]]:
-    """Step, time, and standard deviations; a dash for the parts without an ensemble."""
+    """Step, time and standard deviations. Without an ensemble the parts are dashes."""
     from study.results.forecast import position_std
 
     std = position_std(simulator, example, STEPS)

@@ -1,4 +1,4 @@
-"""Command `join`: one study from several that were run apart."""
+"""Command `join`: join studies with different seeds into one study."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +41,7 @@ def run(options: Options) -> int:
 
 COMMAND = Command(
     "join",
-    "make one study of several that were run apart, each with its own seeds: join DIR DIR",
+    "join studies with different seeds into one study: join DIR DIR",
     Options,
     run,
     DETAILS,

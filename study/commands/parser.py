@@ -1,4 +1,4 @@
-"""The command line: which commands there are, and from arguments to a command and its options."""
+"""The parser of the command line: from arguments to a command and its options."""
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ STUDY_FLAGS = {
     "--out": "results folder; results/NAME by default",
     "--only": "cells whose name matches, such as 'pusher/high/*'",
 }
-"""The flags of every command that takes settings: what each one is."""
+"""The flags of every command that takes settings, with their help."""
 
 USAGE = """\
 usage: python -m study.run COMMAND [--config FILE] [--out DIR] [--any.setting VALUE]
@@ -79,8 +79,8 @@ def parse(arguments: list[str]) -> tuple[Command[Any], Any]:
         the command and its options.
 
     Raises:
-        BadInput: in one line, what is wrong.
-        SystemExit: after printing help.
+        BadInput: the command or an argument is wrong.
+        SystemExit: help was asked for and printed.
     """
     if not arguments:
         raise BadInput(f"a command is missing; {nearest('', COMMANDS)}; try --help")
@@ -121,7 +121,7 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     parser = _parser(command)
     for flag, text in STUDY_FLAGS.items():
         parser.add_argument(flag, help=text)
-    # The list of all settings would hide what is special about the other commands.
+    # For other commands the long list of settings would hide the rest of the help.
     if command.name == "all" and set(HELP) & set(rest):
         import_plugins_of({}, texts)
         add_settings(parser)
@@ -135,7 +135,7 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
 
 
 class _Parser(ArgumentParser):
-    """Raises an error as `BadInput`, where `ArgumentParser` would print its usage and exit."""
+    """Raises an error as `BadInput`. `ArgumentParser` would print its usage and exit."""
 
     def error(self, message: str) -> NoReturn:
         raise BadInput(message.removeprefix("argument "))

@@ -1,4 +1,4 @@
-"""Command `plan`: say what `all` would run, and why."""
+"""Command `plan`: print the stages that `all` would run, and the reasons."""
 
 from dataclasses import dataclass
 
@@ -32,16 +32,16 @@ def run(options: Options) -> int:
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
     check_format(out)
-    chosen = select(cells(config), options.only)
+    selected = select(cells(config), options.only)
     records = record_tasks(config, store)
     states = {
         task: store.reason_to_run(task)
-        for task in topological_order(records[cell] for cell in chosen)
+        for task in topological_order(records[cell] for cell in selected)
     }
     for task, why in states.items():
         say(terminal, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]
-    if refused := why_not_writable(out) or why_refused(config, chosen, store, out):
+    if refused := why_not_writable(out) or why_refused(config, selected, store, out):
         results = f"`all` will refuse to run: {refused}"
     else:
         results = why_not_published(config, records, store, out, due) or "up to date"

@@ -10,8 +10,8 @@ from study.common.errors import BadInput
 from study.common.files import why_not_writable
 
 DETAILS = """\
-The page has pictures of the system, its variables with units, its noise, and how uncertain its
-scenarios are.
+The page has pictures of the system, its variables with units, its noise, and the uncertainty of its
+scenarios.
 
 examples
   python -m study.run portrait pusher
@@ -53,7 +53,7 @@ def run(options: Options) -> int:
 
 COMMAND = Command(
     "portrait",
-    "write a page with pictures of an environment and of how uncertain its scenarios are",
+    "write a page with pictures of an environment and of the uncertainty of its scenarios",
     Options,
     run,
     DETAILS,

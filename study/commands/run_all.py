@@ -1,4 +1,4 @@
-"""Command `all`: run what is not up to date, then publish the results."""
+"""Command `all`: run the stages that are not up to date, then publish the results."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,8 @@ from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order, write_cache
 
 DETAILS = """\
-A stage is up to date if neither its settings nor its inputs changed. A run that was stopped goes on
-where it was. Results are written to OUT, and files of the stages to OUT/work.
+A stage is up to date if neither its settings nor its inputs changed. A stopped run continues where
+it stopped. Results are written to OUT, and files of the stages to OUT/work.
 
 exit  0 if all is well, 1 if a stage failed (the other stages still run), 2 if the input is wrong
 
@@ -69,7 +69,7 @@ def run(options: Options) -> int:
         problem = None
         try:
             changed = _publish(config, records, store, out, bool(due))
-        except StudyError as error:  # a picture could not be drawn; all else is published
+        except StudyError as error:  # a figure could not be written; all other files are
             changed, problem = True, error
         if not due:
             written = "no stage to run, results written again"
@@ -87,11 +87,11 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
         whether the files of the results were written.
 
     Raises:
-        StudyError: results that cannot be made again would be lost, and nothing was written; or
-            a picture could not be drawn, and all else was written.
+        StudyError: results that cannot be computed again would be lost, and nothing was written; or
+            a figure could not be written, and all other files were.
     """
-    made = [cell for cell, task in records.items() if store.reason_to_run(task) is None]
-    if refused := why_refused(config, made, store, out):
+    complete = [cell for cell, task in records.items() if store.reason_to_run(task) is None]
+    if refused := why_refused(config, complete, store, out):
         raise StudyError(f"results are not published: {refused}; run the failed stages again")
     problem = None
     try:
@@ -107,7 +107,7 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
 
 
 def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) -> dict[Task, str]:
-    """Say what will run, and run it.
+    """Print the number of stages to run, and run them.
 
     Returns:
         the error of every task that failed or was not run.
@@ -115,8 +115,8 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
     from study.models.gru import compiler
 
     stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
-    at_a_time = min(workers(engine), len(due))
-    say(terminal, f"{stages} to run, {at_a_time} at a time; results in {store.root.parent}")
+    parallel = min(workers(engine), len(due))
+    say(terminal, f"{stages} to run, {parallel} at a time; results in {store.root.parent}")
     if compiler.find() is None:
         say(terminal, "no C compiler: recurrent networks run in plain torch, at half the speed")
     return run_displayed(due, engine, store, terminal)
@@ -124,7 +124,7 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
 
 COMMAND = Command(
     "all",
-    "run the study: whatever is not up to date, then tables, figures and recordings",
+    "run the stages that are not up to date, then write tables, figures and recordings",
     Options,
     run,
     DETAILS,

@@ -1,7 +1,7 @@
-"""Settings from YAML files and flags; every error is one line.
+"""Settings from YAML files and flags. Every error is one line.
 
-Flags override the file, whatever their order. Plugins are imported before the other settings are
-read, since their models may have settings of their own.
+Flags override the file in any order. Plugins are imported before the other settings are read, since
+a model of a plugin may have settings.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -21,20 +21,20 @@ DEFAULT = CONFIGS / "quick.yaml"
 HELP = ("-h", "--help")
 
 Texts = Mapping[str, str | None]
-"""What stands after the flag of a setting, by its dotted name; None if nothing does."""
+"""The text after the flag of a setting, by dotted name; None without text."""
 
 
 def split(
     arguments: Sequence[str], others: Collection[str]
 ) -> tuple[dict[str, str | None], list[str]]:
-    """Split a command line into flags of settings and everything else.
+    """Split a command line into flags of settings and other arguments.
 
     Args:
         arguments: the command line after the command.
-        others: flags that are no settings, such as ``--out``.
+        others: flags that are not settings, such as ``--out``.
 
     Returns:
-        the texts of the settings, the last one of each, and the other arguments.
+        the text of each setting (the last one counts), and the other arguments.
 
     Raises:
         BadInput: the value of another flag is missing.
@@ -64,8 +64,8 @@ def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Conf
     """The checked settings of a file and of flags, after importing the plugins.
 
     Args:
-        file: a YAML file; None for the settings of the study in `out`, or if there is none for
-            ``configs/quick.yaml``.
+        file: a YAML file. None for the settings of the study in `out`, or for
+            ``configs/quick.yaml`` if `out` has no study.
         texts: of the flags.
         out: a results folder.
 
@@ -83,10 +83,10 @@ def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Conf
 
 
 def import_plugins_of(content: Mapping[str, Any], texts: Texts) -> None:
-    """Import the plugins that a file, or a flag in its place, names.
+    """Import the plugins that a file names, or a flag that replaces the entry in the file.
 
     Raises:
-        BadInput: one cannot be imported.
+        BadInput: a plugin cannot be imported.
     """
     plugins = content.get("plugins", ())
     if "plugins" in texts:
@@ -111,7 +111,7 @@ def change(config: Config, flags: Sequence[str]) -> Config:
 
 
 def _values(texts: Texts) -> dict[str, Any]:
-    """The values that the flags of settings give, by dotted name."""
+    """The values of the flags of settings, by dotted name."""
     known = known_settings()
     values = {}
     for key, text in texts.items():

@@ -1,4 +1,4 @@
-"""Command `status`: what is done, running or failed, and what it cost."""
+"""Command `status`: the state and the cost of every stage."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
-It can be asked while a run goes on, from another terminal.
+The command also works during a run, from another terminal.
 
 examples
   python -m study.run status
   python -m study.run status --config configs/paper.yaml --only 'uav/*'"""
 
 Timing = Mapping[str, Any]
-"""What one task cost, as `study.workflow.meter.Meter` measured it, with ``began`` and ``threads``.
-It is empty if the task has not run. Tasks of earlier versions have fewer entries."""
+"""The cost of a task, measured by `study.workflow.meter.Meter`, with ``began`` and ``threads``. It
+is empty if the task has not run. Tasks of earlier versions have fewer entries."""
 
 PAUSE = 60.0
 """Seconds without a running task after which a study counts as stopped and resumed."""
@@ -42,14 +42,14 @@ class Options(StudyOptions):
 
 
 def run(options: Options) -> int:
-    """Print one line for each stage, and what the stages cost."""
+    """Print one line for each task, and the cost of the stages."""
     config, out, terminal = options.config, options.out, console()
     if not out.is_dir():
         raise BadInput(f"--out: there is no study in {out}; start one: python -m study.run all")
     store = Store(out / "work")
-    chosen = select(cells(config), options.only)
+    selected = select(cells(config), options.only)
     records = record_tasks(config, store)
-    tasks = topological_order(records[cell] for cell in chosen)
+    tasks = topological_order(records[cell] for cell in selected)
     timings = [(task.stage, store.timing(task)) for task in tasks]
     terminal.print(state_table(tasks, store, out))
     terminal.print(cost_table(timings))
@@ -61,7 +61,7 @@ def run(options: Options) -> int:
 
 
 def state_table(tasks: Sequence[Task], store: Store, out: Path) -> Table:
-    """One line a task: whether it is done, running, failed or to do, and its wall time."""
+    """One line for each task: whether it is done, running, failed or to do, and its wall time."""
     is_running = is_locked(out)
     table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
@@ -79,7 +79,7 @@ def state_table(tasks: Sequence[Task], store: Store, out: Path) -> Table:
 
 
 def cost_table(timings: Sequence[tuple[str, Timing]]) -> Table:
-    """One line a stage: tasks, wall and CPU time, share of all wall time, largest peak memory.
+    """One line for each stage: tasks, wall time, CPU time, share of wall time, and peak memory.
 
     Args:
         timings: stage and cost of each task.
@@ -98,11 +98,11 @@ def cost_table(timings: Sequence[tuple[str, Timing]]) -> Table:
 
 
 def duration_line(timings: Iterable[Timing], workers: int) -> str:
-    """How long the study took from first start to last end, and how busy the cores were.
+    """The duration of the study from first start to last end, and the use of the cores.
 
     Args:
         timings: cost of every task of the study.
-        workers: how many tasks ran in parallel.
+        workers: number of tasks that ran in parallel.
 
     Returns:
         one line; empty if a task has not run.
@@ -123,7 +123,7 @@ def duration_line(timings: Iterable[Timing], workers: int) -> str:
 
 
 def _state(task: Task, store: Store, is_running: bool) -> str:
-    """The state of a task that is not done; a killed run may have left its progress file."""
+    """The state of a task that is not done. A killed run may have left the task's progress file."""
     if is_running and store.progress(task).exists():
         progress = read_progress(store.progress(task))
         return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}"
@@ -134,11 +134,12 @@ def _state(task: Task, store: Store, is_running: bool) -> str:
 
 def _cost_columns(timings: Sequence[Timing], total: float) -> list[str]:
     """The columns after the name of the stage; `total` is the wall time of all stages."""
-    done = [timing for timing in timings if "seconds" in timing]
-    seconds, cpu = (_sum(done, quantity) for quantity in ("seconds", "cpu_seconds"))
-    peaks = [timing["peak_memory"] for timing in done if "peak_memory" in timing]
+    measured = [timing for timing in timings if "seconds" in timing]
+    seconds, cpu = (_sum(measured, quantity) for quantity in ("seconds", "cpu_seconds"))
+    peaks = [timing["peak_memory"] for timing in measured if "peak_memory" in timing]
+    count = f"{len(measured)}"
     return [
-        f"{len(done)}" if len(done) == len(timings) else f"{len(done)} of {len(timings)}",
+        count if len(measured) == len(timings) else f"{count} of {len(timings)}",
         UNKNOWN if seconds is None else f"{seconds:.1f}",
         UNKNOWN if cpu is None else f"{cpu:.1f}",
         UNKNOWN if seconds is None or not total else f"{seconds / total:.0%}",
@@ -147,7 +148,7 @@ def _cost_columns(timings: Sequence[Timing], total: float) -> list[str]:
 
 
 def _sum(timings: Sequence[Timing], quantity: str) -> float | None:
-    """The sum over tasks; None if it is unknown for one of them."""
+    """The sum over tasks; None if a task has no value."""
     values = [timing.get(quantity) for timing in timings]
     numbers = [float(value) for value in values if value is not None]
     return sum(numbers) if numbers and len(numbers) == len(values) else None
@@ -165,6 +166,4 @@ def _durations(timings: Iterable[Timing]) -> list[float]:
     return [end - start for start, end in parts]
 
 
-COMMAND = Command(
-    "status", "say what is done, running or failed, and what it cost", Options, run, DETAILS
-)
+COMMAND = Command("status", "print the state and the cost of every stage", Options, run, DETAILS)

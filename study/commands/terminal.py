@@ -1,4 +1,4 @@
-"""Writing to the terminal: the console, and a bar for work in this process."""
+"""The terminal: the console, and a progress bar for work in this process."""
 
 import sys
 
@@ -9,11 +9,11 @@ from rich.progress import Progress as Bars
 from study.common.progress import Progress
 
 FILE_WIDTH = 200
-"""Columns of text where the output is not a terminal, so that no table is cut."""
+"""Columns of text if the output is not a terminal, so that no table is cut off."""
 
 
 class _Console(Console):
-    """Leaves a closed pipe to `study.run`, as `print` does; Rich would exit with another code."""
+    """Leaves a closed pipe to `study.run`, as `print` does. Rich would exit with another code."""
 
     def on_broken_pipe(self) -> None:
         """Raise the error again."""
@@ -21,21 +21,21 @@ class _Console(Console):
 
 
 def console() -> Console:
-    """A console on the present standard output, which tests and stages may redirect."""
+    """A console on the current standard output, which tests and stages may redirect."""
     width = None if sys.stdout.isatty() else FILE_WIDTH
     return _Console(file=sys.stdout, width=width, highlight=False, markup=False)
 
 
 def say(to: Console, line: str) -> None:
-    """Write a line, however long, without line breaks."""
+    """Write a line of any length without line breaks."""
     to.print(line, soft_wrap=True)
 
 
 class Bar(Progress):
-    """The progress of work in this process: a bar in a terminal, nothing elsewhere.
+    """The progress of work in this process: a bar in a terminal, otherwise no output.
 
     Args:
-        to: where to show it.
+        to: the terminal.
     """
 
     def __init__(self, to: Console) -> None:

@@ -9,13 +9,13 @@ from study.commands.terminal import Bar, console, say
 from study.results import folder
 
 DETAILS = """\
-checks   every file against SHA256SUMS; every recording against its own checksum; claims, tables
+checks   every file against SHA256SUMS; every recording against its checksum file; claims, tables
          and figures against those that are computed from the scores
 --rerun  evaluates a cell again from its weights. The test set is simulated again, unless work/ has
          it. On the same machine the scores are the same. Another machine may round differently: a
          score over all scenarios may differ by 0.001 (tables have three digits), and 1 % of all
          scores by more
-exit     0 if all is as it was written, 1 if something differs
+exit     0 if nothing has changed since it was written, 1 if a file differs
 
 examples
   python -m study.run verify results/paper
@@ -28,7 +28,7 @@ class Options:
 
     Attributes:
         out: the results folder.
-        rerun: name of a cell to evaluate again; None for none.
+        rerun: name of a cell to evaluate again; None for no cell.
     """
 
     out: Annotated[Path, Argument(f"results folder; {DEFAULT_OUT} by default")] = DEFAULT_OUT

@@ -13,7 +13,7 @@ from study.results import folder
 
 KINDS = ("forecast", "scores", "training", "tuning")
 WHOLE_STUDY = "study"
-"""What `view` takes in place of a cell for the recording of the whole study."""
+"""The name of the recording of the whole study, in place of a cell."""
 
 DETAILS = """\
 what  a cell, for one of its recordings (see --kind); an environment, for its training data; or
@@ -35,7 +35,7 @@ class Options(StudyOptions):
 
     Attributes:
         cell: name of a cell or of an environment, or `WHOLE_STUDY`.
-        kind: which recording of the cell.
+        kind: kind of the cell's recording.
         save: folder for pictures; None opens the viewer.
     """
 
@@ -55,11 +55,11 @@ def run(options: Options) -> int:
         return 0
     if problem := why_not_writable(options.save):
         raise BadInput(f"--save: {problem}")
-    shown = screenshots(path, options.save)
-    print(*shown.pages, *shown.views.values(), sep="\n")
-    for problem in shown.problems:
+    pictures = screenshots(path, options.save)
+    print(*pictures.pages, *pictures.views.values(), sep="\n")
+    for problem in pictures.problems:
         print(f"error: {problem}", file=sys.stderr)
-    return 1 if shown.problems else 0
+    return 1 if pictures.problems else 0
 
 
 def find_recording(options: Options) -> Path:
@@ -87,26 +87,32 @@ def find_recording(options: Options) -> Path:
 
 
 def known_cells(options: StudyOptions) -> list[Cell]:
-    """The cells of the results folder and of the settings, which may differ from the folder's."""
-    known = cells(options.config)
-    if (options.out / folder.STUDY).is_file():
-        known = [*cells(folder.read(options.out).config), *known]
-    return list(dict.fromkeys(known))
+    """The cells of the results folder, then those of the settings, without repetition."""
+    of_settings = cells(options.config)
+    if not (options.out / folder.STUDY).is_file():
+        return of_settings
+    of_folder = cells(folder.read(options.out).config)
+    return list(dict.fromkeys([*of_folder, *of_settings]))
 
 
-def check_cell(name: str, known: list[str]) -> None:
+def check_cell(name: str, allowed: list[str]) -> None:
     """Check the name of a cell.
 
     Raises:
-        BadInput: it is unknown. The error names the nearest one.
+        BadInput: the name is unknown. The error has the nearest name.
     """
-    if name not in known:
-        raise BadInput(f"unknown cell '{name}': {nearest(name, known)}")
+    if name not in allowed:
+        raise BadInput(f"unknown cell '{name}': {nearest(name, allowed)}")
 
 
-def _hint(of_cell: Path, options: Options) -> str:
-    """What to do where a recording is missing."""
-    kinds = [path.stem for path in sorted(of_cell.glob("*.rrd")) if path.stem in KINDS]
+def _hint(recordings: Path, options: Options) -> str:
+    """The clause of an error that says what to do about a missing recording.
+
+    Args:
+        recordings: folder of the cell's recordings.
+        options: of the command.
+    """
+    kinds = [path.stem for path in sorted(recordings.glob("*.rrd")) if path.stem in KINDS]
     if not kinds:
         return (
             "python -m study.run all writes it (that of a cell only if the setting "
@@ -115,7 +121,7 @@ def _hint(of_cell: Path, options: Options) -> str:
     hint = f"give --kind: {', '.join(kinds)}"
     if options.kind == "forecast":
         command = f"python -m study.run forecast --cell {options.cell} --scenario 0"
-        hint += f"; or run {command} to make one"
+        hint += f"; or run {command} to write one"
     return hint
 
 
