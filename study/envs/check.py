@@ -45,6 +45,12 @@ def check_simulator(simulator: type[Simulator], horizon: int | None = None) -> N
         _Check(simulator, horizon).run()
 
 
+def check_foreign(simulator: type[Simulator], horizon: int | None = None) -> None:
+    """`check_simulator`, unless the class is one of the study, which has tests instead."""
+    if not simulator.__module__.startswith("study.envs."):
+        check_simulator(simulator, horizon)
+
+
 class _Check:
     """The checks of one class, on N scenarios."""
 

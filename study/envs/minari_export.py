@@ -16,6 +16,7 @@ from study.common.progress import Progress
 from study.config.settings import Collect, Config
 from study.data.minari import DataSet, create_parents, new_data_set, write
 from study.data.trajectories import Trajectories, concatenate
+from study.envs.check import check_foreign
 from study.envs.gymnasium_env import SimulatorEnv
 from study.envs.observe import observe_training, real_system, trajectory_seeds
 from study.envs.registration import gymnasium_id
@@ -85,8 +86,10 @@ def prepare(config: Config, environment: str, root: Path | None = None) -> Expor
     Raises:
         BadInput: the environment is unknown, the data set exists, or Minari does not allow a data
             set with the configuration's name.
-        StudyError: Minari is not installed.
+        StudyError: Minari is not installed, or the class does not do what the study relies on.
     """
     simulator, _ = real_system(environment, config.collect)
     identifier = f"study/{environment}/{config.name}-v{simulator.version}"
-    return Export(environment, config.collect, new_data_set(identifier, root))
+    data_set = new_data_set(identifier, root)
+    check_foreign(type(simulator), config.collect.horizon)
+    return Export(environment, config.collect, data_set)

@@ -28,11 +28,10 @@ def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
         return
     if task.stage == "collect":
         from study.envs import simulators
-        from study.envs.check import check_simulator
+        from study.envs.check import check_foreign
 
         simulator = simulators[task.settings["environment"]]
-        if not _is_ours(simulator):
-            check_simulator(simulator, task.settings["collect"]["horizon"])
+        check_foreign(simulator, task.settings["collect"]["horizon"])
     elif task.stage == "tune" or (task.stage == "train" and "tuning" not in inputs):
         _check_model(task.settings.get("fit", task.settings), inputs["data"])
 
@@ -46,11 +45,7 @@ def _check_model(fit: Mapping[str, Any], data: Path) -> None:
     from study.training.inputs import training_data
 
     model = models[fit["model"]]
-    if not _is_ours(model):
+    if not model.__module__.startswith("study.models."):
         training, _, normalization = training_data(from_json(TrainingSet, fit["training"]), data)
         settings = from_json(model.settings_class, fit["model_settings"])
         check_model(model, inputs=Inputs(training[:TRAJECTORIES], normalization, settings))
-
-
-def _is_ours(member: type) -> bool:
-    return member.__module__.startswith(("study.envs.", "study.models."))

@@ -56,6 +56,21 @@ def test_a_model_that_breaks_its_contract_fails_before_it_is_trained(tmp_path: P
     assert "narrow" not in set(scores.model)
 
 
+@pytest.mark.parametrize("command", [["portrait", "faceless"], ["export", "faceless"], ["all"]])
+def test_a_scene_that_cannot_be_read_is_named_before_any_work(
+    command: list[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("minari")
+    to = ["--to", tmp_path / "to"] if len(command) == 2 else []
+    done = study(*command, *FLAGS, "--grid.environments=[faceless]", *to, "--out", tmp_path / "out")
+    assert done.code == 1
+    fault = "tests.helpers.bodiless.Faceless.scene raised ValueError: "
+    printed = done.out if command == ["all"] else done.err
+    (line,) = {line for line in printed.splitlines() if fault in line and "FAILED c" not in line}
+    assert "nowhere.xml" in line
+    assert not (tmp_path / "to").exists()
+
+
 def test_recordings_and_figures_that_cannot_be_drawn_keep_no_scores_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

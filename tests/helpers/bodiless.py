@@ -26,6 +26,16 @@ class Bodiless(Cart):
         return super().outcomes(states, goal) | {"50%_a&b#c$d|": is_right}
 
 
+@register("faceless")
+class Faceless(Cart):
+    """A cart whose scene cannot be read."""
+
+    name, title = "faceless", "Faceless"
+
+    def scene(self) -> mujoco.MjModel | None:
+        return mujoco.MjModel.from_xml_path("nowhere.xml")
+
+
 @models.register("narrow")
 class Narrow(Drift):
     """Forecasts of one dimension, which would be broadcast to all."""

@@ -19,6 +19,7 @@ from study.envs.card.facts import Facts, measure, rows
 from study.envs.card.fans import PROBABILITIES, plot_fans, typical
 from study.envs.card.filmstrip import plot_filmstrip
 from study.envs.card.histogram import plot_histogram
+from study.envs.check import check_foreign
 from study.envs.observe import observe_scenarios, real_system
 
 INTRODUCTION = """\
@@ -119,8 +120,10 @@ def write_page(
         The files.
 
     Raises:
-        StudyError: OpenGL is not available.
+        StudyError: OpenGL is not available, or a class does not do what the study relies on.
     """
+    for name in names:
+        check_foreign(simulators[name], collect.horizon)
     text = [introduction(names)]
     pictures: list[Path] = []
     for number, name in enumerate(names):
