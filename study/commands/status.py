@@ -128,7 +128,7 @@ def _state(task: Task, store: Store, is_running: bool) -> str:
         progress = read_progress(store.progress(task))
         return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}"
     if store.failure(task).exists():
-        return f"failed: {store.failure(task).read_text().strip()}"
+        return f"failed: {store.failure(task).read_text(encoding='utf-8').strip()}"
     return "to do"
 
 

@@ -41,13 +41,14 @@ class Progress:
     def _report(self, fraction: float, message: str) -> None:
         if self.path is not None:
             with replacing(self.path) as temporary:
-                temporary.write_text(json.dumps({"fraction": fraction, "message": message}))
+                text = json.dumps({"fraction": fraction, "message": message})
+                temporary.write_text(text, encoding="utf-8")
 
 
 def read_progress(path: Path) -> dict[str, Any]:
     """The last `{"fraction", "message"}` in the file; empty if there is none."""
     try:
-        state = json.loads(path.read_text())
+        state = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return state if isinstance(state, dict) else {}

@@ -106,7 +106,7 @@ def create_parents(data_set: DataSet) -> None:
         parent.mkdir(parents=True, exist_ok=True)
         metadata = parent / NAMESPACE_METADATA_FILENAME
         if not metadata.exists():
-            metadata.write_text("{}")
+            metadata.write_text("{}", encoding="utf-8")
 
 
 def write(

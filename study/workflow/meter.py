@@ -59,7 +59,7 @@ def _reset_peak() -> bool:
         whether the peak was reset.
     """
     try:
-        CLEAR.write_text("5")
+        CLEAR.write_text("5", encoding="utf-8")
     except OSError:
         return False
     return _peak() is not None
