@@ -25,7 +25,7 @@ def broken(method: str, function: Callable[..., Any]) -> type[Simulator]:
 
 def float64(self: Cart, seeds: Seeds) -> Scenarios:
     scenarios = Cart.sample_scenarios(self, seeds)
-    return Scenarios(scenarios.s0.astype(np.float64), scenarios.goal)  # type: ignore[arg-type]
+    return Scenarios(scenarios.s0.astype(np.float64), scenarios.goal)
 
 
 def a_global_generator(self: Cart, seeds: Seeds) -> Scenarios:
@@ -98,7 +98,10 @@ def flickers(self: Cart, states: Floats, goal: Floats) -> Booleans:
 
 def true_of_the_lost(self: Cart, states: Floats, goal: Floats) -> dict[str, Booleans]:
     is_reached = Cart.outcome(self, states, goal)
-    return {"reaches the target": is_reached, "stays slow": ~(states[..., 1] > 9).any(-1)}
+    return {
+        "reaches the target": is_reached,
+        "stays slow": np.asarray(~(states[..., 1] > 9).any(-1)),
+    }
 
 
 def no_file(self: Cart) -> mujoco.MjModel:

@@ -25,6 +25,9 @@ S, K, T, D = 6, 5, 8, 4
 OURS = [name for name in models if models[name].__module__.startswith("study.models.")]
 
 
+INSTANCES: dict[int, int] = {}
+
+
 def sample(*arguments: Any) -> Tensor:
     return Drift.sample(*arguments)
 
@@ -73,10 +76,8 @@ def wrong_matrix(self: Drift, s0: Tensor, actions: Tensor, *rest: Tensor) -> Ten
 
 def remembered(self: Drift, s0: Tensor, actions: Tensor, *rest: Tensor) -> Tensor:
     """A forecast from what is neither a parameter nor a buffer."""
-    if not hasattr(self, "memory"):
-        self.memory = len(list(Drift.instances))
-        Drift.instances.append(self)
-    return sample(self, s0, actions, *rest) + self.memory
+    number = INSTANCES.setdefault(id(self), len(INSTANCES))
+    return sample(self, s0, actions, *rest) + number
 
 
 def no_gradient(self: Drift, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
@@ -131,10 +132,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("method", "function", "error"), FAULTS)
-def test_a_fault_is_named(
-    method: str, function: Callable[..., Any], error: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Drift, "instances", [], raising=False)
+def test_a_fault_is_named(method: str, function: Callable[..., Any], error: str) -> None:
     with pytest.raises(CheckFailed) as caught:
         check_model(type("Broken", (Drift,), {method: function}))
     line = str(caught.value)
@@ -170,7 +168,7 @@ def test_the_global_generators_are_left_as_they_are() -> None:
     assert (torch.rand(2) == expected).all()
 
 
-def test_forecasts_of_another_shape_are_not_broadcast() -> None:
+def test_forecasts_of_another_shape_are_not_broadcast(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither those of a model nor those of any other forecaster."""
     model = small.model("probabilistic_mlp")
     data = small.trajectories(4)
@@ -192,7 +190,7 @@ def test_forecasts_of_another_shape_are_not_broadcast() -> None:
     def one_dimension(*_: Tensor) -> Tensor:
         return torch.zeros(4, 5, 6, 1)
 
-    model.sample = one_dimension  # type: ignore[method-assign]
+    monkeypatch.setattr(model, "sample", one_dimension)
     with pytest.raises(StudyError, match=r"sample returned \[4, 5, 6, 1\]"):
         model.forecast(test.s0, test.actions, 5, seeds)
 
