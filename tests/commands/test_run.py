@@ -10,6 +10,7 @@ import pytest
 
 from study.commands import status
 from study.run import CLOSED_PIPE, main
+from tests.helpers.running import SMALL
 
 
 @pytest.mark.parametrize(
@@ -38,9 +39,12 @@ def test_one_line_about_an_error_of_the_system(
     assert error.count("\n") == 1
 
 
-def test_a_closed_pipe_ends_it_quietly() -> None:
-    """As with `python -m study.run --help | true`."""
-    program = [sys.executable, "-m", "study.run", "--help"]
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["--help", "plan", "all", "status"])
+def test_a_closed_pipe_ends_it_quietly(command: str, tmp_path: Path) -> None:
+    """As with `python -m study.run all | true`."""
+    arguments = [] if command == "--help" else [*SMALL, "--out", str(tmp_path)]
+    program = [sys.executable, "-m", "study.run", command, *arguments]
     reading, writing = os.pipe()
     os.close(reading)
     try:
@@ -48,3 +52,4 @@ def test_a_closed_pipe_ends_it_quietly() -> None:
     finally:
         os.close(writing)
     assert (done.stderr, done.returncode) == ("", CLOSED_PIPE)
+    assert not (tmp_path / "work" / "collect").exists()
