@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from study.claims.paper import BRIER
-from study.commands.terminal import say
+from study.commands.terminal import say, show
 from study.common.files import read_json
 from study.config.grid import Cell
 from study.config.settings import Config
@@ -46,9 +46,9 @@ def print_table(
     scores = _overall_scores(out / "scores.parquet")
     title = f"{config.name}: MMD² and plain Brier scores (lower is better)"
     table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("cell", no_wrap=True)
+    table.add_column("cell")
     for column in ("β", "MMD²", "Brier", "oracle", "paper"):
-        table.add_column(column, justify="right", no_wrap=True)
+        table.add_column(column, justify="right")
     for cell, record in records.items():
         mmd2, brier = (_score(scores, cell, metric) for metric in ("mmd2", "brier"))
         oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
@@ -60,7 +60,7 @@ def print_table(
             number(_score(scores, oracle, "brier"), 3),
             number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
         )
-    console.print(table)
+    show(console, table)
     for line in not_finite(scores, records, store):
         say(console, line)
     for name in ("claims.md", "tables", "figures", "recordings"):

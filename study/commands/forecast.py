@@ -12,7 +12,7 @@ from rich.table import Table
 
 from study.commands.command import DEFAULT_OUT, Command, Flag
 from study.commands.machine import check_samples
-from study.commands.terminal import Bar, console, say
+from study.commands.terminal import Bar, console, say, show
 from study.common.errors import BadInput
 from study.common.files import why_not_writable
 from study.results import folder
@@ -179,11 +179,11 @@ def _number(value: float) -> str:
 def _print(terminal: Console, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> None:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for index, column in enumerate(header):
-        table.add_column(column, justify="right" if index else "left", no_wrap=True)
+        table.add_column(column, justify="right" if index else "left")
     for row in rows:
         table.add_row(*row)
     terminal.print()
-    terminal.print(table)
+    show(terminal, table)
 
 
 COMMAND = Command(

@@ -10,7 +10,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from study.commands.command import Command, StudyOptions
-from study.commands.terminal import console, say
+from study.commands.terminal import console, say, show
 from study.common.errors import BadInput
 from study.common.progress import read_progress
 from study.config.grid import cells, select
@@ -52,7 +52,7 @@ def run(options: Options) -> int:
     tasks = topological_order(records[cell] for cell in selected)
     timings = [(task.stage, store.timing(task)) for task in tasks]
     terminal.print(state_table(tasks, store, out))
-    terminal.print(cost_table(timings))
+    show(terminal, cost_table(timings))
     if not options.only:
         duration = duration_line([timing for _, timing in timings], parallel_tasks(config, out))
         if duration:

@@ -3,13 +3,17 @@
 import sys
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
+from rich.table import Table
 
 from study.common.progress import Progress
 
 FILE_WIDTH = 200
 """Columns of text if the output is not a terminal, so that no table is cut off."""
+NAME_WIDTH = 8
+"""Columns of text of the first column of a table, at least."""
 
 
 class _Console(Console):
@@ -29,6 +33,23 @@ def console() -> Console:
 def say(to: Console, line: str) -> None:
     """Write a line of any length without line breaks."""
     to.print(line, soft_wrap=True)
+
+
+def show(to: Console, table: Table) -> None:
+    """Write a table. In a narrow terminal its first column wraps, and no number is cut off."""
+    wide = to.options.update(max_width=FILE_WIDTH)
+    name, *numbers = table.columns
+    name.no_wrap, name.overflow, name.min_width = False, "fold", NAME_WIDTH
+    for column in numbers:
+        column.no_wrap = True
+        cells = [column.header, *column.cells]
+        column.min_width = max(Measurement.get(to, wide, cell).maximum for cell in cells)
+    name.max_width = NAME_WIDTH
+    needed = Measurement.get(to, wide, table).minimum
+    name.max_width = None
+    if needed > to.width:
+        table.width = needed
+    to.print(table, crop=False)  # what is wider than the terminal goes on in its next line
 
 
 class Bar(Progress):
