@@ -6,7 +6,7 @@ from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
-from study.common.errors import shown
+from study.common.errors import BadInput, explain, shown
 from study.config.settings import Config
 from study.config.strict_yaml import INTEGER
 
@@ -95,13 +95,28 @@ class Command(Generic[Options]):
             settings: the fields of `StudyOptions`, for a command that takes settings.
         """
         types = get_type_hints(self.options)
-        found = {}
+        options = {}
         for argument in self.arguments:
             name = argument.strip("-")
             value = getattr(values, name)
             is_path = value is not None and types[name] in (Path, Path | None)
-            found[name] = Path(value) if is_path else value
-        return self.options(**found, **settings)
+            options[name] = read_path(argument, value) if is_path else value
+        return self.options(**options, **settings)
+
+
+def read_path(argument: str, text: str | Path) -> Path:
+    """The path that an argument gives; it need not exist.
+
+    Raises:
+        BadInput: no file can have it, or it may not be looked at.
+    """
+    path = Path(text)
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        problem = explain(error) if isinstance(error, OSError) else str(error)
+        raise BadInput(f"{argument}: {problem}") from None
+    return path
 
 
 def _whole_number(text: str) -> int:

@@ -19,7 +19,7 @@ from study.commands import (
     verify,
     view,
 )
-from study.commands.command import Command
+from study.commands.command import Command, read_path
 from study.commands.settings import HELP, import_plugins_of, read_config, split
 from study.commands.settings_help import add_settings
 from study.common.errors import BadInput, nearest
@@ -128,7 +128,7 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     if sum(argument.startswith("--config=") for argument in rest) > 1:
         raise BadInput("--config: given twice; give one file, and flags for what is different")
     values = parser.parse_args(rest)
-    out = Path(values.out) if values.out else None
+    out = read_path("--out", values.out) if values.out else None
     config = read_config(values.config, texts, out)
     out = out or Path("results") / config.name
     return command.read_options(values, config=config, out=out, only=values.only)

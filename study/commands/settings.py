@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from study.common.errors import BadInput, explain, nearest, shown
+from study.common.errors import BadInput, nearest, shown
 from study.common.plugins import import_plugins
 from study.config import strict_yaml
 from study.config.settings import Config
@@ -147,7 +147,7 @@ def _read_file(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise BadInput(f"--config: '{path}' is not UTF-8: {error.reason}") from None
     except OSError as error:
-        raise BadInput(f"--config: cannot read {explain(error)}") from None
+        raise BadInput(f"--config: cannot read '{path}': {error.strerror}") from None
     except strict_yaml.NotYaml as error:
         raise BadInput(f"--config: '{path}' is not YAML: {error}") from None
     if not isinstance(content, dict):

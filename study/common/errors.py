@@ -10,11 +10,23 @@ class StudyError(Exception):
 
     exit_code = 1
 
+    def __str__(self) -> str:
+        return printable(super().__str__())
+
 
 class BadInput(StudyError):
     """What the user gave cannot be used; nothing has been written. Exit code 2."""
 
     exit_code = 2
+
+
+LISTED = 30
+"""Names that an error lists, at most."""
+
+
+def printable(text: str) -> str:
+    """The text in one line, with a question mark for each character that cannot be shown."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def nearest(given: str, allowed: Iterable[str]) -> str:
@@ -25,7 +37,8 @@ def nearest(given: str, allowed: Iterable[str]) -> str:
     """
     names = list(allowed)
     matches = get_close_matches(given, names, n=1, cutoff=0.5)
-    listed = f"(allowed: {', '.join(names)})"
+    more = f", … {len(names)} in all" * (len(names) > LISTED)
+    listed = f"(allowed: {', '.join(names[:LISTED])}{more})"
     return f"did you mean '{matches[0]}'? {listed}" if matches else listed
 
 
@@ -66,5 +79,5 @@ def shown(value: object) -> str:
 
 
 def _short(text: str, longest: int = 60) -> str:
-    line = "".join(letter if letter.isprintable() else "?" for letter in text)
+    line = printable(text[: 2 * longest])
     return line if len(line) <= longest else f"{line[:longest]}…"

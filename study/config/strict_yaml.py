@@ -43,8 +43,8 @@ def parse(text: str) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f" (line {mark.line + 1})" if mark else ""
         raise NotYaml(f"{error.problem or error.context}{where}") from None
-    except yaml.YAMLError as error:
-        raise NotYaml(" ".join(str(error).split())) from None
+    except yaml.reader.ReaderError as error:
+        raise NotYaml(f"a character is not allowed (position {error.position})") from None
     except RecursionError:
         raise NotYaml("it is nested too deeply") from None
 

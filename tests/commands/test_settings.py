@@ -23,6 +23,16 @@ from tests.helpers.running import configuration
         ("", "holds no settings"),
         ("tune: {trials: many}", "tune.trials: got 'many'; it must be a whole number"),
         ("\x00\x01", "is not YAML"),
+        ("collect: {trajectories: }", "collect.trajectories: got null; it must be a whole number"),
+        ("grid: {seeds: }", "grid.seeds: got null; it must be a list of whole numbers"),
+        ("grid: {seeds: [0, ]}\ntune: ", "it must be a section"),
+        ("train: {learning_rate: .inf}", "train.learning_rate: got '.inf'; it must be a number"),
+        ("tune: {beta_high: 1e400}", "tune.beta_high: got '1e400'; it must be a number"),
+        ("tune: {trials: 012}", "tune.trials: got '012'; it must be a whole number"),
+        ("tune: {trials: 1:30}", "tune.trials: got '1:30'; it must be a whole number"),
+        ("tune: {trials: 3}\ntune: {steps: 9}", "'tune' stands there twice (line 2)"),
+        ("name: 2024", "write '2024' with quotes"),
+        ("model: {nowhere: {initial_std: 1}}", "plugins lists the modules of your models"),
     ],
 )
 def test_bad_files(text: str, expected: str, tmp_path: Path) -> None:
@@ -43,6 +53,47 @@ def test_flags_and_files_set_the_same_settings(tmp_path: Path) -> None:
     assert options.config.grid.seeds == (0, 1)
     assert options.out == Path("somewhere")
     assert parse(arguments)[1].out == Path("results/mine")
+
+
+def test_flags_override_the_file_wherever_it_stands(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("tune: {trials: 7, steps: 9}\n")
+    for arguments in (
+        ["--tune.trials=3", "--config", str(path)],
+        ["--config", str(path), "--tune.trials", "3"],
+        ["--tune.trials=5", f"--config={path}", "--tune.trials=3"],
+    ):
+        tune = configuration(*arguments).tune
+        assert (tune.trials, tune.steps) == (3, 9)
+
+
+def test_levels_from_files_and_flags(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("grid: {levels: {low: 1.0, tiny: 0.01}}\n")
+    levels = {"low": 1.0, "tiny": 0.01}
+    assert configuration("--config", str(path)).grid.levels == levels
+    assert configuration("--grid.levels={tiny: 0.01, low: 1}").grid.levels == levels
+    assert configuration("--grid.levels=[high]").grid.levels == {"high": 0.1}
+
+
+def test_a_plugins_settings_from_files_flags_and_help(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.yaml"
+    text = "plugins: [study.examples.drift]\nmodel: {drift: {initial_std: 0.3}}\n"
+    path.write_text(text)
+    key = "model.drift"
+    assert configuration("--config", str(path)).section(key).initial_std == 0.3
+    flags = ["--plugins=[study.examples.drift]", "--model.drift.initial_std=2"]
+    assert configuration(*flags).section(key).initial_std == 2.0
+    with pytest.raises(SystemExit):
+        parse(["all", "--help", flags[0]])
+    assert "--model.drift.initial_std" in capsys.readouterr().out
+    path.write_text(text.replace("initial_std", "initial_sd"))
+    with pytest.raises(BadInput, match=r"did you mean 'model.drift.initial_std'"):
+        configuration("--config", str(path))
+    with pytest.raises(BadInput, match=r"got 11.0; it must be between 1e-06 and 10.0"):
+        configuration(flags[0], "--model.drift.initial_std=11")
 
 
 @pytest.mark.parametrize(
