@@ -41,9 +41,10 @@ def resized(setting: str, size: int) -> tuple[Config, int, int | None]:
     if setting == "hidden size":
         base = replace(
             base,
-            vae=replace(base.vae, hidden_size=size),
-            mlp=replace(base.mlp, hidden_size=size),
             ensemble=replace(base.ensemble, hidden_size=size),
+            sections={
+                name: replace(base.section(name), hidden_size=size) for name in ("vae", "mlp")
+            },
         )
     elif setting == "members":
         base = replace(base, ensemble=replace(base.ensemble, members=size))
