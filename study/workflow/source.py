@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 DATA_FILES = (".c", ".xml")
@@ -98,10 +99,20 @@ def _is_docstring(statement: ast.stmt) -> bool:
 
 @cache
 def _digest(path: Path) -> str:
-    digest = hashlib.sha256(ast.dump(_tree(path)).encode())
+    digest = hashlib.sha256(_dump(_tree(path)).encode())
     for file in sorted(_data_files(path)):
         digest.update(_without_comments(file).encode())
     return digest.hexdigest()
+
+
+def _dump(node: Any) -> str:
+    """A syntax tree as text. `ast.dump` writes the same tree differently in other Pythons."""
+    if isinstance(node, ast.AST):
+        values = [(name, value) for name, value in ast.iter_fields(node) if value not in (None, [])]
+        return f"{type(node).__name__}({', '.join(f'{n}={_dump(value)}' for n, value in values)})"
+    if isinstance(node, list):
+        return f"[{', '.join(map(_dump, node))}]"
+    return repr(node)
 
 
 def _data_files(path: Path) -> set[Path]:
