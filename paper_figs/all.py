@@ -45,11 +45,11 @@ def plot(results: Path) -> list[Path]:
     """Write all figures and tables of the folder `results`, from its scores alone.
 
     Returns:
-        their paths.
+        paths of the figures and tables.
 
     Raises:
         BadInput: there are no scores.
-        StudyError: some could not be drawn. All others are written.
+        StudyError: a script failed. The files of all other scripts are written.
     """
     paths, problems = [], []
     for script in SCRIPTS:

@@ -31,24 +31,25 @@ def plot(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
-    true = scores[
+    probabilities = scores[
         (scores["metric"] == "observed_probability")
         & (scores["dimension"] == "all")
         & (scores["scenario"] >= 0)
         & (scores["step"] == -1)
     ]
     # All cells of an environment are scored on the same rollouts.
-    true = true.drop_duplicates(["environment", "scenario"])
-    return _plot(true, results / "figures" / "base_rates")
+    probabilities = probabilities.drop_duplicates(["environment", "scenario"])
+    return _plot(probabilities, results / "figures" / "base_rates")
 
 
-def _plot(true: pd.DataFrame, stem: Path) -> list[Path]:
-    shown = environments(true)
+def _plot(probabilities: pd.DataFrame, stem: Path) -> list[Path]:
+    names = environments(probabilities)
     with mpl.rc_context(style.context()):
         figure = style.figure(height=1.9)
-        axes = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
-        for panel, environment in zip(axes, shown, strict=True):
-            probability = true[true["environment"] == environment]["value"].to_numpy(np.float64)
+        axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+        for panel, environment in zip(axes, names, strict=True):
+            rows = probabilities[probabilities["environment"] == environment]
+            probability = rows["value"].to_numpy(np.float64)
             _panel(panel, probability)
             uncertain = ((probability > 0.1) & (probability < 0.9)).mean()
             panel.set_title(

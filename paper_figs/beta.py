@@ -43,8 +43,8 @@ def _plot(trials: pd.DataFrame, stem: Path) -> list[Path]:
         grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex=True)
         for axes, level in zip(grid, rows, strict=True):
             for axis, environment in zip(axes, columns, strict=True):
-                here = (trials["environment"] == environment) & (trials["level"] == level)
-                _panel(axis, trials[here], palette)
+                in_panel = (trials["environment"] == environment) & (trials["level"] == level)
+                _panel(axis, trials[in_panel], palette)
                 axis.set_title(f"{label(environment)}, {label(level)}", loc="left")
             axes[0].set_ylabel("validation MMD²")
         for axis in grid[-1]:
@@ -60,7 +60,7 @@ def _panel(axes: Axes, trials: pd.DataFrame, palette: dict[str, str]) -> None:
     for (model, _), search in trials.groupby(["model", "seed"]):
         colour = palette[str(model)]
         search = search.sort_values("beta")
-        # The score of a pruned trial is from an earlier epoch, so the line leaves it out.
+        # The score of a pruned trial is from an earlier step, so the line leaves the trial out.
         complete = search[search["state"] == "complete"]
         axes.plot(complete["beta"], complete["value"], color=colour, linewidth=0.7, alpha=0.5)
         for state, face in (("complete", colour), ("pruned", "white")):
@@ -68,10 +68,10 @@ def _panel(axes: Axes, trials: pd.DataFrame, palette: dict[str, str]) -> None:
             axes.plot(
                 trial["beta"], trial["value"], "o", color=colour, markerfacecolor=face, markersize=3
             )
-        chosen = search[search["chosen"]]
+        best = search[search["chosen"]]
         axes.plot(
-            chosen["beta"],
-            chosen["value"],
+            best["beta"],
+            best["value"],
             "o",
             color="black",
             markerfacecolor="none",

@@ -52,8 +52,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(rows):
         stem = results / "figures" / f"calibration_{environment}"
-        of_environment = rows[rows["environment"] == environment]
-        written += _plot_environment(of_environment, environment, stem)
+        part = rows[rows["environment"] == environment]
+        written += _plot_environment(part, environment, stem)
     return written
 
 

@@ -1,4 +1,4 @@
-"""The command line that all scripts of this folder share."""
+"""The command line of all scripts of this folder."""
 
 import argparse
 import sys
@@ -15,11 +15,11 @@ def command(
 
     Args:
         plot: writes the files of the script.
-        about: what they show, for the help.
-        arguments: of the command line; those of the process if None.
+        about: description of the files, for the help.
+        arguments: of the command line; None for those of the process.
 
     Returns:
-        the exit code: that of the error, after one line on standard error, if there is one.
+        the exit code. After an error, which is one line on standard error, it is that of the error.
     """
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("results", type=Path, help="results folder of a study: results/paper")

@@ -58,33 +58,34 @@ def plot(results: Path) -> list[Path]:
         raise BadInput(f"there is no folder {results}: run `python -m study.run all` first")
     illustrations = _read(results / "illustrations")
     written = []
-    for environment in in_order({shown.environment for shown in illustrations}, ENVIRONMENTS):
-        shown = [entry for entry in illustrations if entry.environment == environment]
-        written += _plot(shown, environment, results / "figures" / f"overview_{environment}")
+    for environment in in_order({entry.environment for entry in illustrations}, ENVIRONMENTS):
+        part = [entry for entry in illustrations if entry.environment == environment]
+        written += _plot(part, environment, results / "figures" / f"overview_{environment}")
     return written
 
 
 def _read(folder: Path) -> list[Illustration]:
-    """One illustration for each environment and level: of the residual VAE's first seed, if any."""
-    chosen: dict[tuple[str, str], Illustration] = {}
+    """One illustration for each environment and level, of the residual VAE's first seed if any."""
+    illustrations: dict[tuple[str, str], Illustration] = {}
     for path in sorted(folder.glob("*/*/*/seed-*.safetensors")):
         environment, level, model = path.relative_to(folder).parts[:3]
-        known = chosen.get((environment, level))
-        if known is None or (model == RESIDUAL and known.model != RESIDUAL):
-            chosen[environment, level] = Illustration(environment, level, model, *load_arrays(path))
-    ordered = in_order({level for _, level in chosen}, LEVELS)
+        key = (environment, level)
+        present = illustrations.get(key)
+        if present is None or (model == RESIDUAL and present.model != RESIDUAL):
+            illustrations[key] = Illustration(environment, level, model, *load_arrays(path))
+    ordered = in_order({level for _, level in illustrations}, LEVELS)
     return sorted(
-        chosen.values(), key=lambda entry: (entry.environment, ordered.index(entry.level))
+        illustrations.values(), key=lambda entry: (entry.environment, ordered.index(entry.level))
     )
 
 
-def _plot(shown: list[Illustration], environment: str, stem: Path) -> list[Path]:
+def _plot(illustrations: list[Illustration], environment: str, stem: Path) -> list[Path]:
     with mpl.rc_context(style.context()):
-        figure = style.figure(height=1.75 * len(shown) + 0.45)
-        rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[1.0, 1.15])
-        for (left, right), illustration in zip(rows, shown, strict=True):
+        figure = style.figure(height=1.75 * len(illustrations) + 0.45)
+        rows = figure.subplots(len(illustrations), 2, squeeze=False, width_ratios=[1.0, 1.15])
+        for (left, right), illustration in zip(rows, illustrations, strict=True):
             _paths(left, illustration)
-            _deviations(right, illustration)
+            _standard_deviations(right, illustration)
             left.set_title(
                 f"{label(environment)}, {label(illustration.level)}: {label(illustration.model)}",
                 loc="left",
@@ -123,7 +124,7 @@ def _paths(axes: Axes, illustration: Illustration) -> None:
     axes.set_ylabel("y (m)")
 
 
-def _deviations(axes: Axes, illustration: Illustration) -> None:
+def _standard_deviations(axes: Axes, illustration: Illustration) -> None:
     arrays = illustration.arrays
     time = np.arange(1, len(arrays["aleatoric"]) + 1) * illustration.facts["control_step"]
     # Variances add, standard deviations do not. The border is the epistemic standard deviation.

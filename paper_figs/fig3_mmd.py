@@ -94,10 +94,10 @@ def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> D
 
 
 def _curve(axes: Axes, values: Doubles, model: str, level: str, colour: str) -> None:
-    found = band(values)
+    interval = band(values)
     steps = np.arange(1, values.shape[2] + 1)
-    axes.fill_between(steps, found.low, found.high, color=colour, alpha=0.18, linewidth=0)
-    axes.plot(steps, found.estimate, color=colour, **style.line(model, level))
+    axes.fill_between(steps, interval.low, interval.high, color=colour, alpha=0.18, linewidth=0)
+    axes.plot(steps, interval.estimate, color=colour, **style.line(model, level))
 
 
 def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:

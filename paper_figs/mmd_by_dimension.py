@@ -47,8 +47,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(maps):
         stem = results / "figures" / f"mmd_by_dimension_{environment}"
-        of_environment = maps[maps["environment"] == environment]
-        written += _plot_environment(of_environment, environment, stem)
+        part = maps[maps["environment"] == environment]
+        written += _plot_environment(part, environment, stem)
     return written
 
 
@@ -86,7 +86,7 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
         bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.set_label(f"{label(environment)}: MMD² (no unit; lower is better)")
         bar.outline.set_visible(False)
-        # One layout for both files: with so many labels it takes longer than the plotting.
+        # The PNG and the PDF have the same layout, since it takes longer than the plotting.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         return style.save(figure, stem)

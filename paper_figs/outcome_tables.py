@@ -59,19 +59,16 @@ def plot(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
-    wanted = ["brier", "brier_fair", "brier_climatology", "observed_probability", *TERMS]
-    scores = scores[scores["metric"].isin(wanted) & (scores["step"] == -1)]
+    metrics = ["brier", "brier_fair", "brier_climatology", "observed_probability", *TERMS]
+    scores = scores[scores["metric"].isin(metrics) & (scores["step"] == -1)]
     observed = rollouts(results)
     folder = results / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        of_environment = scores[scores["environment"] == environment]
-        tables = {
-            level: blocks(of_environment, environment, level, observed)
-            for level in levels(of_environment)
-        }
-        with_terms = bool(of_environment["metric"].isin(TERMS).any())
+        part = scores[scores["environment"] == environment]
+        tables = {level: blocks(part, environment, level, observed) for level in levels(part)}
+        with_terms = bool(part["metric"].isin(TERMS).any())
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
             path = folder / f"outcomes_{environment}.{suffix}"
             path.write_text(write(environment, tables, with_terms), encoding="utf-8")
@@ -99,11 +96,11 @@ def blocks(scores: pd.DataFrame, environment: str, level: str, observed: int | N
 
 
 def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
-    """All rows of a model at a level; of the oracle at the level at which it has scores."""
-    chosen = scores[scores["model"] == model]
-    at_level = chosen[chosen["level"] == level]
-    if model in LEVELLESS and at_level.empty and len(chosen):
-        return chosen[chosen["level"] == chosen["level"].iloc[0]]
+    """All rows of a model at a level. A model without levels has the same rows at every level."""
+    rows = scores[scores["model"] == model]
+    at_level = rows[rows["level"] == level]
+    if model in LEVELLESS and at_level.empty and len(rows):
+        return rows[rows["level"] == rows["level"].iloc[0]]
     return at_level
 
 
@@ -136,9 +133,9 @@ def _skill(fair: float | None, oracle: float, climatology: float) -> float | Non
 
 
 def _is_lowest(model: str, learned: list[str], scores: dict[str, Interval]) -> bool:
-    """Whether its score is below that of every other learned model; no model is in a tie."""
-    others = [scores[name].estimate for name in learned if name in scores and name != model]
-    return model in scores and all(scores[model].estimate < other for other in others)
+    """Whether a model's score is below those of all other learned models; False in a tie."""
+    rest = [scores[name].estimate for name in learned if name in scores and name != model]
+    return model in scores and all(scores[model].estimate < estimate for estimate in rest)
 
 
 def _rows_of(cell: pd.DataFrame, metric: str, outcome: str) -> pd.DataFrame:
@@ -163,7 +160,7 @@ def _mean(values: Doubles) -> float | None:
 
 
 def _first(by_cell: Iterable[Doubles]) -> float:
-    """The mean of the first seed of the first cell with values; NaN without any."""
+    """The mean of the first seed of the first cell with values; NaN without values."""
     return next((float(values[0].mean()) for values in by_cell if values.size), np.nan)
 
 

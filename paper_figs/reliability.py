@@ -61,24 +61,24 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(probabilities):
         stem = results / "figures" / f"reliability_{environment}"
-        of_environment = probabilities[probabilities["environment"] == environment]
-        written += _plot_environment(of_environment, environment, stem)
+        part = probabilities[probabilities["environment"] == environment]
+        written += _plot_environment(part, environment, stem)
     return written
 
 
 def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     palette = style.colours(models(scores))
     with mpl.rc_context(style.context()):
-        shown = levels(scores)
-        cells = [_forecasts(scores, environment, level) for level in shown]
+        level_names = levels(scores)
+        cells = [_forecasts(scores, environment, level) for level in level_names]
         present = [model for model in models(scores) if any(model in cell for cell in cells)]
-        figure, panels, strips = _layout(len(shown), len(present))
-        for level, cell, panel, strip in zip(shown, cells, panels, strips, strict=True):
+        figure, panels, strips = _layout(len(level_names), len(present))
+        for level, cell, panel, strip in zip(level_names, cells, panels, strips, strict=True):
             _background(panel, next(iter(cell.values())).observed.mean())
             for model, forecasts in cell.items():
                 _curve(panel, forecasts, model, palette[model])
             _histograms(strip, [cell.get(m) for m in present], [palette[m] for m in present])
-            separator = ", " if len(shown) < 3 else ",\n"  # three titles need two lines each
+            separator = ", " if len(level_names) < 3 else ",\n"  # three titles need two lines each
             panel.set_title(f"{label(environment)}{separator}{label(level)}", loc="left")
         _legend(figure, present, palette, _counts(cells))
         return style.save(figure, stem)
@@ -111,7 +111,7 @@ def _layout(columns: int, rows: int) -> tuple[Figure, list[Axes], list[Axes]]:
 
 
 def _background(axes: Axes, base: float) -> None:
-    """The diagonal, the base rate, and the area where forecasts are better than it."""
+    """Plot the diagonal, the base rate, and the area of forecasts better than the base rate."""
     ends = np.array([0.0, base, 1.0])
     halfway = (ends + base) / 2
     axes.fill_between(ends[:2], 0, halfway[:2], color=SHADE, linewidth=0, zorder=0)
@@ -141,7 +141,7 @@ def _curve(axes: Axes, forecasts: Forecasts, model: str, colour: str) -> None:
 
 
 def _histograms(axes: Axes, cells: list[Forecasts | None], colours: list[str]) -> None:
-    """One row of bars for each model, scaled to the row's highest bar."""
+    """Plot a row of bars for each model, scaled to the highest bar of the row."""
     left = np.arange(BINS) / BINS
     for row, (forecasts, colour) in enumerate(zip(reversed(cells), reversed(colours), strict=True)):
         if forecasts is not None:

@@ -52,7 +52,7 @@ MEASURES = (
     Measure("nonfinite", "share of non-finite values", "0"),
 )
 VARIANCE_RATIOS = {"variance_ratio", "aleatoric_ratio"}
-"""Their entry is `study.metrics.variance.median_ratio`."""
+"""The metrics whose entry is `study.metrics.variance.median_ratio`."""
 
 Entry = Interval | float | None
 Table = dict[str, dict[str, Entry]]
@@ -66,18 +66,16 @@ def plot(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
-    wanted = [*(measure.metric for measure in MEASURES), *SHIFT_METRICS]
-    scores = scores[scores["metric"].isin(wanted)]
+    metrics = [*(measure.metric for measure in MEASURES), *SHIFT_METRICS]
+    scores = scores[scores["metric"].isin(metrics)]
     scores = scores[(scores["step"] == -1) | scores["metric"].isin(VARIANCE_RATIOS)]
     folder = results / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        of_environment = scores[scores["environment"] == environment]
-        tables = {
-            level: rows(of_environment, environment, level) for level in levels(of_environment)
-        }
-        shifts = reference_shifts(of_environment)
+        part = scores[scores["environment"] == environment]
+        tables = {level: rows(part, environment, level) for level in levels(part)}
+        shifts = reference_shifts(part)
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
             path = folder / f"scores_{environment}.{suffix}"
             path.write_text(write(environment, tables, shifts), encoding="utf-8")
@@ -140,7 +138,7 @@ def to_markdown(environment: str, tables: dict[str, Table], shifts: dict[float, 
         heads = ["", "ideal", *(title(column) for column in columns)]
         lines += [f"## {title(level)}", "", f"| {' | '.join(heads)} |"]
         lines.append("|---" * 2 + "|---:" * len(columns) + "|")
-        for measure in _shown(table):
+        for measure in _measures(table):
             texts = [_text(table[measure.metric][c], measure.digits) for c in columns]
             lines.append(f"| {' | '.join([measure.name, measure.ideal, *texts])} |")
         lines.append("")
@@ -164,7 +162,7 @@ def to_latex(environment: str, tables: dict[str, Table], shifts: dict[float, flo
             " & ".join(heads) + " \\\\",
             "\\midrule",
         ]
-        for measure in _shown(table):
+        for measure in _measures(table):
             entries = [table[measure.metric][column] for column in columns]
             texts = [latex(number(_estimate(entry), measure.digits)) for entry in entries]
             first = [latex(measure.name), latex(measure.ideal)]
@@ -173,7 +171,7 @@ def to_latex(environment: str, tables: dict[str, Table], shifts: dict[float, flo
     return "\n".join(lines)
 
 
-def _shown(table: Table) -> list[Measure]:
+def _measures(table: Table) -> list[Measure]:
     return [measure for measure in MEASURES if measure.metric in table]
 
 

@@ -81,5 +81,6 @@ def forecasters(scores: pd.DataFrame, environment: str) -> tuple[list[str], list
     """
     references = [ORACLE, ENSEMBLE]
     present = [model for model in models(scores) if model not in references]
-    of_paper = any(environment == known for known, _, _ in BRIER)
-    return in_order([*MODELS, *present] if of_paper else present, (*MODELS, *BEYOND)), references
+    is_of_paper = any(environment == name for name, _, _ in BRIER)
+    names = [*MODELS, *present] if is_of_paper else present
+    return in_order(names, (*MODELS, *BEYOND)), references

@@ -61,8 +61,8 @@ def plot(results: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
-        of_environment = scores[scores["environment"] == environment]
-        table = rows(of_environment, environment, failed_cells(results))
+        part = scores[scores["environment"] == environment]
+        table = rows(part, environment, failed_cells(results))
         for suffix, text in (
             ("md", to_markdown(environment, table)),
             ("tex", to_latex(environment, table)),
@@ -85,10 +85,10 @@ def rows(
         environment: its name.
         failed: environment, level and model of the cells that failed.
     """
-    of_paper = any(environment == known for known, _, _ in BRIER)
+    is_of_paper = any(environment == name for name, _, _ in BRIER)
     learned, references = forecasters(scores, environment)
     table = {}
-    for level in in_order([*LEVELS, *levels(scores)] if of_paper else levels(scores), LEVELS):
+    for level in in_order([*LEVELS, *levels(scores)] if is_of_paper else levels(scores), LEVELS):
         row = {
             model: Entry(
                 _measure(scores, "brier", environment, level, model),
@@ -110,7 +110,7 @@ def _measure(
 
 
 def _climatology(scores: pd.DataFrame, environment: str, level: str) -> Interval | None:
-    """The climatology's score, from any cell: it does not depend on the model."""
+    """The score of the climatology, from any cell, since it does not depend on the model."""
     for model in models(scores):
         values = select(scores, "brier_climatology", environment, level, model)
         if not values.empty:

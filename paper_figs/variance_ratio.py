@@ -7,8 +7,8 @@ the ranges of dimensions, averaged over seeds. Thick lines are the aleatoric for
 true variance. Thin lines are the total forecast variance / true variance, for models with an
 ensemble. The ensemble alone has no aleatoric variance, so its line is the total. The ideal ratio is
 1. An aleatoric ratio above 1 that is higher where there is less data shows that a model counts
-epistemic uncertainty twice. Dimensions with a negligible true variance at a step are left out
-there. The oracle, in every panel, shows the variation by chance. A curve ends where a forecast is
+epistemic uncertainty twice. A step leaves out the dimensions with negligible true variance. The
+oracle, in every panel, shows the variation by chance. A curve ends where a forecast is
 not finite. Tables have one number for a curve, its median from step 11 on
 (`study.metrics.variance`).
 """
@@ -57,8 +57,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     for environment in environments(ratios):
         stem = results / "figures" / f"variance_{environment}"
-        of_environment = ratios[ratios["environment"] == environment]
-        written += _plot_environment(of_environment, environment, stem)
+        part = ratios[ratios["environment"] == environment]
+        written += _plot_environment(part, environment, stem)
     return written
 
 
@@ -90,7 +90,7 @@ def _panel(
 ) -> None:
     axes.axhline(1, color="black", linewidth=0.5)
     for level in levels(scores):
-        of_level = style.line("", level)
+        line_style = style.line("", level)
         aleatoric, total = (
             _by_step(scores, metric, environment, level, model) for metric in (ALEATORIC, TOTAL)
         )
@@ -98,9 +98,9 @@ def _panel(
         if thick.empty:
             continue
         _range(axes, thick, palette[model])
-        _curve(axes, thick, color=palette[model], **of_level)
+        _curve(axes, thick, color=palette[model], **line_style)
         if not aleatoric.empty and not np.allclose(aleatoric, total, equal_nan=True):
-            thin = of_level | {"linewidth": THIN}
+            thin = line_style | {"linewidth": THIN}
             _curve(axes, total, color=palette[model], **thin)
     reference = _by_step(scores, TOTAL, environment, levels(scores)[0], ORACLE)
     if not reference.empty:

@@ -43,7 +43,7 @@ def _table(path: Path, write: Callable[[Rows], str]) -> str:
 
 
 def simulation(rows: Rows) -> str:
-    """Control steps per second, and how many times as fast the batch is."""
+    """Control steps per second, and the ratio of the batch's rate to each rate."""
     environments = list(dict.fromkeys(row["environment"] for row in rows))
     rates = {(row["contender"], row["environment"]): row["rate"] for row in rows}
     lines = []
@@ -84,16 +84,19 @@ def forecasting(rows: Rows) -> str:
 
 
 def _rates(rows: Rows, groups: tuple[str, ...]) -> str:
-    """A line for each model: its rate, then how many times as fast it is as each contender."""
+    """A line for each model: its rate, and the ratios of its rate to those of the contenders."""
     contenders = list(dict.fromkeys(row["contender"] for row in rows if row["contender"] != "ours"))
     cells: dict[tuple[str, ...], dict[str, dict[str, Any]]] = {}
     for row in rows:
         key = (*(row[group] for group in groups), row["model"])
         cells.setdefault(key, {})[row["contender"]] = row
     lines = []
-    for key, found in cells.items():
-        ratios = [_ratio(found[c]["ratio"]) if c in found else NOTHING for c in contenders]
-        lines.append([", ".join(map(label, key)), _rate(found["ours"]["rate"]), *ratios])
+    for key, by_contender in cells.items():
+        ratios = [
+            _ratio(by_contender[name]["ratio"]) if name in by_contender else NOTHING
+            for name in contenders
+        ]
+        lines.append([", ".join(map(label, key)), _rate(by_contender["ours"]["rate"]), *ratios])
     return pipe_table(["", "transitions / s", *(f"× {name}" for name in contenders)], lines)
 
 

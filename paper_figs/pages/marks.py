@@ -1,4 +1,4 @@
-"""Generated blocks in Markdown pages: what stands between two marks is written by a program.
+"""Generated blocks in Markdown pages. A program writes the text between two marks.
 
 A block begins with the line ``<!-- table: NAME -->`` and ends with the line ``<!-- end -->``.
 """
@@ -14,11 +14,11 @@ OPENING = re.compile(r"^<!-- table:", re.M)
 
 
 def rewritten(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
-    """The page with every block generated from the present numbers.
+    """The page, with every block generated from the current numbers.
 
     Args:
         page: the text of a Markdown page.
-        tables: the function that gives the content of a block, by the name in its mark.
+        tables: the function that returns the content of a block, by the name in the block's mark.
 
     Raises:
         BadInput: a mark names an unknown table, or its block has no end.
@@ -43,6 +43,12 @@ def pages(root: Path) -> list[Path]:
 
 
 def pipe_table(heads: list[str], rows: list[list[str]], align: str = "---:") -> str:
-    """A Markdown table; `align` is the rule of the columns after the first, right if not given."""
+    """A Markdown table.
+
+    Args:
+        heads: the header.
+        rows: the cells of each row.
+        align: the rule of the columns after the first; aligned to the right by default.
+    """
     lines = [heads, ["---", *[align] * (len(heads) - 1)], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -51,7 +51,7 @@ CLIMATOLOGY = "climatology"
 
 
 class Study:
-    """The numbers that a study left in its results folder, each file read once."""
+    """The numbers in the results folder of a study. Each file is read once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -62,8 +62,9 @@ class Study:
         scores = read_scores(self._folder)
         averaged = (scores["step"] == -1) & (scores["dimension"] == "all")
         metrics = ["mmd2", "brier", "brier_fair", "brier_climatology", "observed_probability"]
-        wanted = scores["metric"].isin(metrics) & averaged
-        return scores[wanted | (scores["metric"] == "variance_ratio")]
+        return scores[
+            (scores["metric"].isin(metrics) & averaged) | (scores["metric"] == "variance_ratio")
+        ]
 
     @cached_property
     def rollouts(self) -> int:
@@ -86,7 +87,7 @@ class Study:
 
     @cached_property
     def timings(self) -> pd.DataFrame:
-        """``timings.json``: one row a task, with its stage, model and environment."""
+        """``timings.json``: a row for each task, with its stage, model and environment."""
         times = read_json(self._folder / "timings.json")
         rows = [
             {
@@ -165,7 +166,7 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
 
 
 def verdicts(study: Study) -> str:
-    """How many claims of each section got each verdict."""
+    """The number of claims of each section with each verdict."""
     rows = []
     paper = [claim for claim in study.claims if claim["section"] != "ours"]
     groups = {"**the paper's claims**": paper} | {
@@ -211,7 +212,7 @@ def scores(study: Study, metric: str, models: list[str]) -> str:
 
 
 def _entries(study: Study, metric: str, cell: tuple[str, str], models: list[str]) -> list[str]:
-    """The scores of one cell: bold the best of the paper's models, in brackets the paper's."""
+    """The scores of one cell. The best of the paper's models is bold; brackets have its values."""
     means = {model: study.mean(metric, *cell, model) for model in models}
     best = min(MODELS, key=means.__getitem__)
     entries = []
@@ -242,10 +243,10 @@ def differences(study: Study, metric: str) -> str:
     for first, second in CONTRASTS:
         row = [f"{label(first)} − {label(second)}"]
         for cell in CELLS:
-            found = difference(
+            interval = difference(
                 study.values(metric, *cell, first), study.values(metric, *cell, second)
             )
-            row.append(_signed(found.estimate, found.low, found.high, digits=3))
+            row.append(_signed(interval.estimate, interval.low, interval.high, digits=3))
         rows.append(row)
     return pipe_table([METRICS[metric], *map(_name, CELLS)], rows)
 
@@ -268,35 +269,35 @@ def vertical(study: Study) -> str:
 
 
 def beta(study: Study) -> str:
-    """The β that each search chose, by training seed."""
-    chosen = study.trials[study.trials["chosen"]]
+    """The β from each search, by training seed."""
+    trials = study.trials[study.trials["chosen"]]
     rows = []
     for cell in CELLS:
         row = [_name(cell)]
         for model in (RESIDUAL, FULL):
-            here = (chosen["environment"] == cell[0]) & (chosen["level"] == cell[1])
-            found = chosen[here & (chosen["model"] == model)].sort_values("seed")
-            row.append(", ".join(f"{value:.1f}" for value in found["beta"]))
+            in_cell = (trials["environment"] == cell[0]) & (trials["level"] == cell[1])
+            by_seed = trials[in_cell & (trials["model"] == model)].sort_values("seed")
+            row.append(", ".join(f"{value:.1f}" for value in by_seed["beta"]))
         rows.append(row)
     return pipe_table(["β", label(RESIDUAL), label(FULL)], rows)
 
 
 def fit_seconds(study: Study) -> str:
-    """Processor seconds to fit each model, its search for β included; means over the fits."""
+    """Processor seconds of a fit of each model with its search for β, averaged over the fits."""
     rows = []
     for environment in ENVIRONMENTS:
-        here = study.timings[study.timings["environment"] == environment]
+        timings = study.timings[study.timings["environment"] == environment]
         row = [label(environment)]
         for model in study.models:
-            fits = here[here["stage"].isin(["tune", "train"]) & (here["model"] == model)]
+            fits = timings[timings["stage"].isin(["tune", "train"]) & (timings["model"] == model)]
             row.append(f"{fits.groupby('stage')['cpu'].mean().sum():.0f}")
-        members = here[here["stage"] == "ensemble"]["cpu"].mean()
+        members = timings[timings["stage"] == "ensemble"]["cpu"].mean()
         rows.append([*row, f"{members:.0f}"])
     return pipe_table(["", *(label(model) for model in study.models), "ensemble"], rows)
 
 
 def stages(study: Study) -> str:
-    """What each stage of the study took."""
+    """The cost of each stage of the study."""
     total = study.timings["cpu"].sum()
     rows = []
     for stage, tasks in study.timings.groupby("stage", sort=False):
@@ -309,7 +310,7 @@ def stages(study: Study) -> str:
 
 
 def ablations(record: dict[str, Any]) -> str:
-    """MMD² after a change as a multiple of MMD² without it; a dash where nothing changes."""
+    """MMD² with a change / MMD² without the change; a dash if the change has no effect."""
     before, *_ = (name for name in record["scores"] if name not in record["settings"]["ablations"])
     names = [(e, model) for model in MODELS for e in ENVIRONMENTS]
     rows = []
@@ -318,8 +319,8 @@ def ablations(record: dict[str, Any]) -> str:
         for environment, model in names:
             cell = f"{environment}/low/{model}/seed-0"
             old, new = (record["scores"][key].get(cell) for key in (before, change))
-            same = old is None or new is None or old == new
-            row.append(NOTHING if same else f"{new['mmd2'] / old['mmd2']:.2f}")
+            unchanged = old is None or new is None or old == new
+            row.append(NOTHING if unchanged else f"{new['mmd2'] / old['mmd2']:.2f}")
         if set(row[1:]) != {NOTHING}:
             rows.append(row)
     return pipe_table(["change", *(f"{label(m)}, {label(e)}" for e, m in names)], rows)
