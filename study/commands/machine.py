@@ -1,4 +1,4 @@
-"""What a command needs of this machine, checked before any work."""
+"""Checks of this machine's accelerator and memory before a command starts to work."""
 
 from collections.abc import Iterable
 
@@ -9,18 +9,18 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 
 COPIES = 8
-"""How often forecasts are in memory at the same time, about."""
+"""Approximate number of copies of the forecasts in memory."""
 FLOAT = 4
 """Bytes of a number."""
 STATE = 4
-"""Numbers of a state, at least."""
+"""Smallest size D of a state that is assumed."""
 
 
 def check_accelerator(config: Config, tasks: Iterable[Task], store: Store) -> None:
     """Check that the accelerator exists, unless no task has to run.
 
     Raises:
-        BadInput: it does not.
+        BadInput: torch finds no accelerator.
     """
     if config.train.accelerator == "gpu" and any(map(store.reason_to_run, tasks)):
         import torch
@@ -35,10 +35,10 @@ def check_samples(name: str, samples: int, rows: int) -> None:
     Args:
         name: the flag or the setting with the number of samples.
         samples: K, the number of forecasts of a scenario.
-        rows: the numbers of a forecast of all scenarios together: S times T times D.
+        rows: S · T · D, the numbers of one forecast of all scenarios.
 
     Raises:
-        BadInput: they do not.
+        BadInput: the forecasts do not fit.
     """
     most = memory_size() // (COPIES * FLOAT * rows)
     if samples > most:
@@ -50,10 +50,10 @@ def check_samples(name: str, samples: int, rows: int) -> None:
 
 
 def check_memory(config: Config) -> None:
-    """Check that what a stage has in memory at the same time can fit into it.
+    """Check that the trajectories of every stage fit into memory.
 
     Raises:
-        BadInput: it cannot, even for a system with the smallest state.
+        BadInput: the trajectories do not fit, even for a system with the smallest state.
     """
     collect, tune = config.collect, config.tune
     steps = (collect.horizon or 1) * STATE

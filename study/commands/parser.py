@@ -84,20 +84,18 @@ def parse(arguments: list[str]) -> tuple[Command[Any], Any]:
     """
     if not arguments:
         raise BadInput(f"a command is missing; {nearest('', COMMANDS)}; try --help")
-    name, *rest = arguments
+    name, *others = arguments
     if name in ("-h", "--help"):
         print(usage())
         raise SystemExit(0)
     if name.startswith("-"):
-        raise BadInput(
-            f"'{name}' stands before the command; write: python -m study.run all {name} …"
-        )
+        raise BadInput(f"'{name}' is before the command; write: python -m study.run all {name} …")
     if name not in COMMANDS:
         raise BadInput(f"unknown command '{name}': {nearest(name, COMMANDS)}")
     command = COMMANDS[name]
     if not command.takes_settings:
-        return command, _own_options(command, rest)
-    return command, _study_options(command, rest)
+        return command, _own_options(command, others)
+    return command, _study_options(command, others)
 
 
 def usage() -> str:

@@ -48,19 +48,19 @@ def run(options: Options) -> int:
 
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
-    chosen = select(cells(config), options.only)
+    selected = select(cells(config), options.only)
     check_writable(out)
     check_memory(config)
     records = record_tasks(config, store)
-    check_accelerator(config, topological_order(records[cell] for cell in chosen), store)
-    if refused := why_refused(config, chosen, store, out):
+    tasks = topological_order(records[cell] for cell in selected)
+    check_accelerator(config, tasks, store)
+    if refused := why_refused(config, selected, store, out):
         raise BadInput(f"--out: {refused}; give another --out")
     create(out)
     with locked(out):
         write_run_settings(out, config)
         write_cache(config, records, store)
         store.remove_progress()
-        tasks = topological_order(records[cell] for cell in chosen)
         due = {task: why for task in tasks if (why := store.reason_to_run(task)) is not None}
         for task, why in due.items():
             if why.startswith("damaged"):

@@ -112,14 +112,14 @@ def change(config: Config, flags: Sequence[str]) -> Config:
 
 def _values(texts: Texts) -> dict[str, Any]:
     """The values of the flags of settings, by dotted name."""
-    known = known_settings()
+    settings = known_settings()
     values = {}
     for key, text in texts.items():
-        if key not in known:
+        if key not in settings:
             raise unknown_setting(key)
         if text is None:
             raise _no_value(f"--{key}")
-        values[key] = _value(key, known[key].kind, text)
+        values[key] = _value(key, settings[key].kind, text)
     return values
 
 

@@ -73,16 +73,16 @@ class Model(L.LightningModule, Generic[S]):
         settings: an instance of `settings_class`.
 
     A class with `tunes_beta` takes a third argument `beta`, the weight of the KL divergence. A
-    class with `uses_ensemble` takes a last argument `ensemble`, the fitted `RnnEnsemble`, and keeps
-    it under that name.
+    class with `uses_ensemble` takes a last argument `ensemble`, the fitted `RnnEnsemble`, and
+    stores it in the attribute `ensemble`.
     """
 
     settings_class: ClassVar[type[Any]]
-    """A frozen dataclass: what the model reads of the configuration.
+    """A frozen dataclass: the part of the configuration that the model reads.
 
     A field whose type is a dataclass is the section of that name, such as ``train: Train``. Every
-    other field is a setting of the model's own, ``--model.NAME.FIELD``, and has a default:
-    ``size: int = setting(8, low=1)``. It may raise `ValueError` in ``__post_init__``.
+    other field is a setting of this model alone, ``--model.NAME.FIELD``, and has a default:
+    ``size: int = setting(8, low=1)``. The dataclass may raise `ValueError` in ``__post_init__``.
     """
     tunes_beta: ClassVar[bool] = False
     uses_ensemble: ClassVar[bool] = False
@@ -111,25 +111,25 @@ class Model(L.LightningModule, Generic[S]):
 
     @classmethod
     def settings_from(cls, config: Config, name: str = "") -> S:
-        """The settings of this model: sections of a configuration, and settings of its own.
+        """The settings of this model: sections of a configuration, and those of this model alone.
 
         Args:
             config: the configuration.
-            name: registered name of the model. Its own settings stand in the section
-                ``model.NAME``; without a name, or without this section, they have their defaults.
+            name: registered name of the model. The section ``model.NAME`` has the settings of this
+                model alone. Without a name, or without this section, they have their defaults.
 
         Raises:
             BadInput: a field of `settings_class` is no section of the configuration, or the class
-                refuses the values.
+                does not accept the values.
         """
         check_sections(cls)
-        own = PREFIX + name
-        values = asdict(config.section(own)) if own in registered() else {}
+        own_section = PREFIX + name
+        values = asdict(config.section(own_section)) if own_section in registered() else {}
         values |= {section: config.section(section) for section in sections_of(cls.settings_class)}
         try:
             return cls.settings_class(**values)
         except ValueError as error:
-            raise BadInput(f"{own}: {' '.join(str(error).split())}") from None
+            raise BadInput(f"{own_section}: {' '.join(str(error).split())}") from None
 
     @classmethod
     def training_options(cls, settings: S) -> Train:
@@ -202,12 +202,12 @@ class Model(L.LightningModule, Generic[S]):
                 torch.from_numpy(noise).to(self.device),
                 torch.from_numpy(member).to(self.device),
             )
-            wanted = (*noise.shape[:3], self.state_size)
-            if not isinstance(forecasts, Tensor) or forecasts.shape != wanted:
+            expected = (*noise.shape[:3], self.state_size)
+            if not isinstance(forecasts, Tensor) or forecasts.shape != expected:
                 returned = list(forecasts.shape) if isinstance(forecasts, Tensor) else forecasts
                 raise StudyError(
                     f"{full_name(type(self))}.sample returned {returned!r:.60}, "
-                    f"wanted {list(wanted)}"
+                    f"wanted {list(expected)}"
                 )
             parts.append(self.denormalize(forecasts.float()).cpu().numpy())
         return np.concatenate(parts)
@@ -223,7 +223,7 @@ class Model(L.LightningModule, Generic[S]):
         return (fixed - self.state_mean) / self.state_scale
 
     def denormalize(self, states: Tensor) -> Tensor:
-        """States [..., D] from normalized to SI units."""
+        """States [..., D] from normalised to SI units."""
         return to_rotating_frame(states * self.state_scale + self.state_mean, self.rotating_pairs)
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
@@ -275,7 +275,7 @@ def check_class(model: Any) -> None:
     """Check a model class without an instance, before it is registered.
 
     Raises:
-        BadInput: it is no model, or lacks an attribute or a method.
+        BadInput: the class is no model, or lacks an attribute or a method.
     """
     subject = full_name(model)
     if not (isinstance(model, type) and issubclass(model, Model)):
@@ -298,31 +298,31 @@ def check_sections(model: type[Model[Any]]) -> None:
     """Check that the configuration has the sections that a class reads.
 
     Raises:
-        BadInput: it lacks one.
+        BadInput: the configuration lacks a section.
     """
-    known = [*SECTIONS, *(name for name in registered() if not name.startswith(PREFIX))]
+    sections = [*SECTIONS, *(name for name in registered() if not name.startswith(PREFIX))]
     for name in sections_of(model.settings_class):
-        if name not in known:
+        if name not in sections:
             raise BadInput(
                 f"{full_name(model)}: the configuration has no section '{name}'; "
-                f"{nearest(name, known)}"
+                f"{nearest(name, sections)}"
             )
 
 
 class ModelRegistry(Registry[type[Model[Any]]]):
-    """Models by name. To register a model registers the settings of its own as well."""
+    """Models by name. The registration of a model also registers its section ``model.NAME``."""
 
     def register(self, name: str) -> Callable[[type[Model[Any]]], type[Model[Any]]]:
         """See `Registry.register`."""
         register = super().register(name)
 
-        def enter(model: type[Model[Any]]) -> type[Model[Any]]:
-            entered = register(model)
+        def decorate(model: type[Model[Any]]) -> type[Model[Any]]:
+            decorated = register(model)
             check_sections(model)
             register_own(name, model.settings_class)
-            return entered
+            return decorated
 
-        return enter
+        return decorate
 
 
 models = ModelRegistry("model", check_class)

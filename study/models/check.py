@@ -1,4 +1,4 @@
-"""Check that a model does what the study relies on, in the manner of Gymnasium's `check_env`.
+"""Check that a model keeps the contract of `Model`, like Gymnasium's `check_env`.
 
 ::
 
@@ -33,14 +33,14 @@ from study.models.rnn_ensemble import RnnEnsemble, RnnEnsembleSettings
 from study.models.sampling import sample_members, sample_noise
 
 SCENARIOS, SAMPLES, HORIZON = 6, 5, 8
-"""S, K and the largest T of the forecasts that are checked."""
+"""S, K and the largest T of the forecasts in the checks."""
 BETA = 1.0
 """β of a class with `tunes_beta`."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a model is built from and works on.
+    """The data and the settings with which a model is checked.
 
     Attributes:
         trajectories: a few training trajectories.
@@ -58,8 +58,8 @@ class Inputs:
         generator = np.random.default_rng(0)
         actions = generator.normal(size=(16, HORIZON, 2)).astype(np.float32)
         changes = generator.normal(size=(16, HORIZON + 1, 4)) * [1.0, 5.0, 0.1, 0.5] + 1.0
-        states, nothing = changes.cumsum(axis=1).astype(np.float32), np.zeros((16, 0), np.float32)
-        trajectories = Trajectories(states, actions, nothing, nothing, {})
+        states, empty = changes.cumsum(axis=1).astype(np.float32), np.zeros((16, 0), np.float32)
+        trajectories = Trajectories(states, actions, empty, empty, {})
         return cls(trajectories, Normalization.from_trajectories(trajectories), settings)
 
 
@@ -75,7 +75,7 @@ def check_model(
 
     Raises:
         BadInput: the class lacks an attribute or a method.
-        CheckFailed: a method returns something else than the study relies on.
+        CheckFailed: a method does not keep the contract of `Model`.
     """
     check_class(model)
     if inputs is None:
@@ -119,7 +119,7 @@ class _Check:
         """Run all checks.
 
         Raises:
-            CheckFailed: see the module.
+            CheckFailed: a check failed.
         """
         self.numbers()
         if self.model_class.losses is not Model.losses:
@@ -130,7 +130,7 @@ class _Check:
             self.forecasts()
 
     def numbers(self) -> None:
-        """The sizes that the study asks for."""
+        """Check `noise_size`, `members_count` and `data_streams`."""
         for name, value, least in (
             ("noise_size", getattr(self.model, "noise_size", None), 0),
             ("members_count()", call(f"{self.name}.members_count", self.model.members_count), 1),
@@ -144,7 +144,7 @@ class _Check:
                 )
 
     def losses(self) -> None:
-        """`losses` of a batch, and their gradient."""
+        """Check `losses` of a batch, and their gradient."""
         subject, batch = f"{self.name}.losses", self.batch()
         self.model.train()
         values = call(subject, self.model.losses, batch, 0, seeded=False)
@@ -166,7 +166,7 @@ class _Check:
         self.model.zero_grad()
 
     def batch(self) -> dict[str, Tensor]:
-        """A training batch, as `study.training.data_module` makes it."""
+        """A training batch, see `study.training.data_module`."""
         batch = {"states": self.states, "actions": self.actions}
         if self.ensemble is not None:
             with torch.no_grad():
@@ -177,13 +177,13 @@ class _Check:
         return {name: value.expand(streams, *value.shape).clone() for name, value in batch.items()}
 
     def samples(self) -> None:
-        """`sample`: shape, noise, independence of the batch, causality, and saved weights."""
+        """Check `sample`: shape, noise, independence of the batch, causality, and saved weights."""
         count, samples, horizon, _ = self.shape
         seeds = spawn(0, count)
         s0, actions = self.states[:count, 0], self.actions[:count]
         noise = torch.from_numpy(sample_noise(seeds, samples, horizon, self.model.noise_size))
         member = torch.from_numpy(sample_members(seeds, samples, self.model.members_count()))
-        whole = self.sample(self.model, s0, actions, noise, member)
+        expected = self.sample(self.model, s0, actions, noise, member)
         subject = f"{self.name}.sample"
         for rows, difference in (
             (list(range(count)), "when it was called again with the same noise"),
@@ -191,24 +191,24 @@ class _Check:
             (list(range(count))[::-1], "for the same scenarios in another order"),
         ):
             part = (s0[rows], actions[rows], noise[rows], member[rows])
-            expect_same(subject, self.sample(self.model, *part), whole[rows], difference)
+            expect_same(subject, self.sample(self.model, *part), expected[rows], difference)
         late, changed = horizon // 2, actions.clone()
         changed[:, late:] = 1.0 - changed[:, late:]
-        other = self.sample(self.model, s0, changed, noise, member)
+        forecasts = self.sample(self.model, s0, changed, noise, member)
         difference = f"before step {late} after the actions from there on were changed"
-        expect_same(subject, other[:, :, :late], whole[:, :, :late], difference)
+        expect_same(subject, forecasts[:, :, :late], expected[:, :, :late], difference)
         loaded = self.build()
         weights = self.model.state_dict()
         call(f"{self.name}.load_state_dict", loaded.load_state_dict, weights, seeded=False)
-        other = self.sample(loaded.eval(), s0, actions, noise, member)
+        forecasts = self.sample(loaded.eval(), s0, actions, noise, member)
         difference = (
             "after its weights were saved and loaded; what a forecast needs is a parameter or "
             "a buffer, or follows from the settings"
         )
-        expect_same(subject, other, whole, difference)
+        expect_same(subject, forecasts, expected, difference)
 
     def sample(self, model: Model[Any], *inputs: Tensor) -> Array:
-        """`sample`, checked."""
+        """Call `sample`, and check the type and the shape of the result."""
         subject = f"{self.name}.sample"
         forecasts = call(subject, model.sample, *inputs)
         if not isinstance(forecasts, Tensor):
@@ -218,17 +218,17 @@ class _Check:
         return array
 
     def forecasts(self) -> None:
-        """`forecast`: from SI units to SI units, of the scenarios' own seeds."""
+        """Check `forecast`: its shape, and that a scenario depends on its own seed alone."""
         count, samples, horizon, _ = self.shape
         data, seeds, subject = self.inputs.trajectories, spawn(1, count), f"{self.name}.forecast"
         s0 = np.ascontiguousarray(data.states[:count, 0])
         actions = np.ascontiguousarray(data.actions[:count, :horizon])
-        whole = call(subject, self.model.forecast, s0, actions, samples, seeds)
-        expect_array(subject, whole, self.shape)
+        batch = call(subject, self.model.forecast, s0, actions, samples, seeds)
+        expect_array(subject, batch, self.shape)
         alone = call(subject, self.model.forecast, s0[1:2], actions[1:2], samples, seeds[1:2])
         expect_array(subject, alone, (1, *self.shape[1:]))
         difference = "for a scenario alone than for the same scenario in a batch"
-        expect_same(subject, alone, whole[1:2], difference)
+        expect_same(subject, alone, batch[1:2], difference)
 
 
 def _kind(value: Any) -> str:

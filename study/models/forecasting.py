@@ -59,11 +59,11 @@ def forecast_in_parts(
     for count, part in enumerate(parts, start=1):
         s0, actions = test.s0[part], test.actions[part]
         forecast = forecaster.forecast(s0, actions, samples, seeds[part])
-        wanted = (len(part), samples, actions.shape[1], s0.shape[1])
-        if np.shape(forecast) != wanted:
+        expected = (len(part), samples, actions.shape[1], s0.shape[1])
+        if np.shape(forecast) != expected:
             raise StudyError(
                 f"{full_name(type(forecaster))}.forecast returned {list(np.shape(forecast))}, "
-                f"wanted {list(wanted)}"
+                f"wanted {list(expected)}"
             )
         forecasts.append(forecast)
         progress(count / len(parts), "forecasting")

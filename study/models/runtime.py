@@ -1,4 +1,4 @@
-"""What numbers depend on besides settings and source: versions, device, compiler and threads."""
+"""The runtime on which results depend: versions, device, compiler and threads."""
 
 import platform
 import subprocess
@@ -18,7 +18,7 @@ PLAIN = "none: recurrent networks run in plain torch"
 def runtime() -> Mapping[str, Any]:
     """The versions of Python and of packages, the device, the C compiler, and torch's threads.
 
-    The result is JSON. It is the same for all tasks of a run, and is kept with what they write.
+    The result is JSON. It is the same for all tasks of a run, and is written into their manifests.
     """
     return {
         "versions": versions(),
@@ -47,13 +47,13 @@ def _processor() -> str:
 
 @cache
 def _compiler() -> str:
-    """The first line of what the C compiler says of its version."""
+    """The first line of the C compiler's description of its version."""
     path = compiler.find()
     if path is None:
         return PLAIN
     try:
-        done = subprocess.run([path, "--version"], capture_output=True, timeout=60, check=False)
+        process = subprocess.run([path, "--version"], capture_output=True, timeout=60, check=False)
     except (OSError, subprocess.SubprocessError):
         return PLAIN
-    lines = done.stdout.decode(errors="replace").splitlines()
+    lines = process.stdout.decode(errors="replace").splitlines()
     return lines[0].strip() if lines else Path(path).name

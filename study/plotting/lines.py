@@ -12,7 +12,7 @@ from study.config.names import ENSEMBLE, ORACLE
 DASHES = (3.0, 1.5)
 """Lengths of a dash and of a gap, in line widths. The paper's Fig. 3 also dashes level high."""
 OTHER_DASHES = ((1.0, 1.2), (3.0, 1.2, 1.0, 1.2), (6.0, 1.5))
-"""The patterns of levels beyond the paper's; the name of a level chooses one."""
+"""The patterns of levels beyond the paper's. The name of a level determines its pattern."""
 _MODEL, _REFERENCE, _THIN = 1.5, 0.7, 0.6
 
 
@@ -37,5 +37,5 @@ def line_of(model: str, level: str) -> Line:
     width = _REFERENCE if model in (ENSEMBLE, ORACLE) else _MODEL
     if level == "low" or model == ORACLE:
         return Line(width)
-    others = OTHER_DASHES[crc32(level.encode()) % len(OTHER_DASHES)]
-    return Line(_THIN * width, DASHES if level == "high" else others)
+    dashes = OTHER_DASHES[crc32(level.encode()) % len(OTHER_DASHES)]
+    return Line(_THIN * width, DASHES if level == "high" else dashes)

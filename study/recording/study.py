@@ -50,8 +50,8 @@ The panel *Legend* names the colours. Some lines are references to compare with:
   standard deviations of the observed states.
 """
 _LINES = """
-Thick: level low, trained on all data. Thin: other levels, on a part of the data. Faint grey: the MMD²
-of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
+Thick: level low, trained on all data. Thin: other levels, trained on a part of the data. Faint
+grey: the MMD² of correct forecasts, shifted by 0.1, 0.3 and 1 standard deviation.
 """
 _BELOW = """
 Below the plots: {titles}. *Cells* names the recordings of each cell.

@@ -137,10 +137,10 @@ def check_format(out: Path) -> None:
     """
     if (out / STUDY).exists():
         try:
-            found = read_json(out / STUDY).get("format")
+            version = read_json(out / STUDY).get("format")
         except (OSError, ValueError, AttributeError):
             return  # a damaged file, which the run writes again
-        _check_format(out, found)
+        _check_format(out, version)
 
 
 def create(out: Path) -> None:
@@ -155,10 +155,10 @@ def create(out: Path) -> None:
         raise _not_writable(out, explain(error)) from error
 
 
-def _check_format(out: Path, found: Any) -> None:
-    if found != FORMAT:
+def _check_format(out: Path, version: Any) -> None:
+    if version != FORMAT:
         raise BadInput(
-            f"{out} was made by another version of the study (its format is {found}, "
+            f"{out} was made by another version of the study (its format is {version}, "
             f"this version has {FORMAT}); give another folder"
         )
 

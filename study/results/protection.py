@@ -26,12 +26,12 @@ OF_SOME_CELLS = ("grid.", "model.")
 """Prefixes of settings that may concern only cells outside a study."""
 
 
-def why_refused(config: Config, made: Collection[Cell], store: Store, out: Path) -> str | None:
+def why_refused(config: Config, computed: Collection[Cell], store: Store, out: Path) -> str | None:
     """Why a run must not publish its results in a folder; None if it may.
 
     Args:
         config: settings of the run.
-        made: the cells that the run computes, or has computed.
+        computed: the cells that the run computes, or has computed.
         store: the folders of the tasks. A cell that was evaluated there can be published again.
         out: the results folder.
     """
@@ -41,7 +41,7 @@ def why_refused(config: Config, made: Collection[Cell], store: Store, out: Path)
         return None
     differing = _different_settings(config, out)
     if not differing:
-        lost -= {cell.name for cell in made}
+        lost -= {cell.name for cell in computed}
     if not lost:
         return None
     names = ", ".join(sorted(lost)[:NAMED])
@@ -93,7 +93,7 @@ def _different_settings(config: Config, out: Path) -> list[str]:
 
 
 def _only_other_cells(name: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
-    """Whether a setting says which cells there are, or is of cells that one study lacks."""
+    """Whether a setting only defines the grid, or concerns cells that one of the studies lacks."""
     return not name.startswith(("grid.levels.", "model.")) or name not in old or name not in new
 
 

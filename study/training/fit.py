@@ -93,7 +93,7 @@ def fit(
     best = ModelCheckpoint(checkpoints, monitor="validation_score", save_weights_only=True)
     patience = options.patience or options.steps
     stop = EarlyStopping("validation_score", patience=patience, check_finite=True)
-    # One process, whatever a cluster's environment variables say.
+    # One process, independent of the environment variables of a cluster.
     environment = LightningEnvironment()
     environment.set_global_rank(0)
     trainer = L.Trainer(

@@ -1,7 +1,7 @@
-"""Checks of a user's own classes before the first long stage that uses them.
+"""Checks of a user's classes before the first long stage that uses them.
 
-They are no part of a stage, so that no result depends on their source. The study's own classes have
-tests instead.
+The checks are not part of a stage, so that no result depends on their source. The classes of the
+study have tests instead.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from typing import Any
 from study.workflow.task import Task
 
 TRAJECTORIES = 16
-"""Training trajectories with which a model is checked."""
+"""Number of training trajectories with which a model is checked."""
 
 
 def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
@@ -22,7 +22,7 @@ def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
         inputs: complete folders of earlier stages, by name.
 
     Raises:
-        StudyError: a class does not do what the study relies on.
+        StudyError: a class does not keep the contract of `Simulator` or `Model`.
     """
     if not task.plugins:
         return

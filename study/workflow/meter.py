@@ -33,7 +33,7 @@ class Meter:
 
 
 def memory_size() -> int:
-    """The memory of this machine, or of the container that this process is in, in bytes."""
+    """The memory of this machine, or of the container of this process, in bytes."""
     installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     with suppress(OSError, ValueError):  # no such file, or the word max
         return min(installed, int(LIMIT.read_text(encoding="utf-8")))

@@ -15,7 +15,7 @@ from study.run import main
 BAD = [
     (["al"], "did you mean 'all'?"),
     ([], "a command is missing"),
-    (["--config", "x.yaml", "all"], "stands before the command"),
+    (["--config", "x.yaml", "all"], "is before the command"),
     (["all", "--tune.trial", "3"], "did you mean 'tune.trials'?"),
     (["all", "--trials", "3"], "tune.trials"),
     (["all", "--tune.trials", "many"], "tune.trials: got 'many'; it must be a whole number"),
