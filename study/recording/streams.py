@@ -73,7 +73,7 @@ def recording(
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     # A failing file writer of Rerun reports no error, or never returns. So the stream is in memory.
-    memory = stream.binary_stream()
+    memory = rr.binary_stream(stream)
     try:
         stream.send_blueprint(blueprint)
         write_properties(stream, recording_name(kind, properties), properties)

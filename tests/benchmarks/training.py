@@ -47,15 +47,17 @@ def operations(name: str, config: Config, state: int, action: int) -> int:
     operations, and what happens once a trajectory, are left out.
     """
     latent = config.section("vae").latent_size
-    hidden = config.ensemble.hidden_size if name == "ensemble" else config.section("vae").hidden_size
+    section = config.ensemble if name == "ensemble" else config.section("vae")
+    hidden = section.hidden_size
     layers: list[tuple[int, int, bool]]  # I, O, whether there is a derivative by the input
     if name == "ensemble":
         layers = [(action, 3 * hidden, False), (state, 3 * hidden, True)]
         layers += [(hidden, 3 * hidden, True), (hidden, state, True)]
     elif name == "probabilistic_mlp":
-        width = config.section("mlp").hidden_size
+        mlp = config.section("mlp")
+        width = mlp.hidden_size
         layers = [(state + action, width, False)]
-        layers += [(width, width, True)] * (config.section("mlp").layers - 1) + [(width, 2 * state, True)]
+        layers += [(width, width, True)] * (mlp.layers - 1) + [(width, 2 * state, True)]
     else:
         condition = action + (state if name == "residual_vae" else 0)
         layers = [(2 * state + condition, 3 * hidden, False), (hidden, 3 * hidden, True)]

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from study.commands import machine
+from study.common.errors import BadInput
 from tests.helpers.running import SMOKE, study
 
 
@@ -34,5 +35,5 @@ def test_what_fits_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "memory_size", lambda: 2**30)
     most = 2**30 // (machine.COPIES * machine.FLOAT * 100)
     machine.check_samples("--samples", most, 100)
-    with pytest.raises(machine.BadInput, match=f"at most {most} on this machine"):
+    with pytest.raises(BadInput, match=f"at most {most} on this machine"):
         machine.check_samples("--samples", most + 1, 100)

@@ -25,7 +25,7 @@ BAD = [
     (["all", "--grid.seeds", "[]"], "at least one value"),
     (["all", "--grid.seeds", "[0, 0]"], "once"),
     (["all", "--grid.seeds", "[-1]"], "grid.seeds: got -1; it must be between 0 and"),
-    (["all", "--collect.rollouts", "-3"], "collect.rollouts: got -3; it must be between 2 and 10000"),
+    (["all", "--collect.rollouts", "-3"], "rollouts: got -3; it must be between 2 and 10000"),
     (["all", "--collect.horizon", "0"], "collect.horizon: got 0; it must be between 2 and 10000"),
     (["all", "--collect.horizon", "long"], "a whole number or null"),
     (["all", "--collect.trajectories", "5"], "level high needs at least 2"),

@@ -125,6 +125,7 @@ def test_plans_of_one_scenario_vary_with_the_seed() -> None:
 
 def test_the_scene_is_the_airframe_of_the_physics() -> None:
     model = simulators["uav"]().scene()
+    assert model is not None
     assert model.nq == 7
     body = model.body("uav")
     assert body.mass[0] == physics.MASS

@@ -71,8 +71,8 @@ def test_the_command_writes_a_page_with_its_pictures(tmp_path: Path) -> None:
     assert "unknown environment 'cartt'" in study("portrait", "cartt", *smoke).err
     assert OF_THE_STUDY.strip().splitlines()[0] not in text
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
+    assert process.returncode == 0, process.stderr
 
 
 @pytest.mark.slow
