@@ -51,7 +51,8 @@ def _plot(probabilities: pd.DataFrame, stem: Path) -> list[Path]:
             rows = probabilities[probabilities["environment"] == environment]
             probability = rows["value"].to_numpy(np.float64)
             _panel(panel, probability)
-            uncertain = ((probability > 0.1) & (probability < 0.9)).mean()
+            shares = probability.round(6)  # stored in single precision
+            uncertain = ((shares > 0.1) & (shares < 0.9)).mean()
             panel.set_title(
                 f"{label(environment)}: base rate {probability.mean():.2f},\n"
                 f"{100 * uncertain:.0f} % between 0.1 and 0.9",

@@ -1,7 +1,7 @@
 """The results of the paper as data: its Tables I and II, and the claims of its section V.
 
-The claims are about the paper's two environments and three models only. Their rules and smallest
-effects of interest were fixed before any run.
+The claims are about the paper's two environments and three models only. Their smallest effects
+of interest were fixed before any run.
 """
 
 from itertools import product

@@ -49,4 +49,4 @@ def run(options: Options) -> int:
     return 0
 
 
-COMMAND = Command("plan", "say what `all` would run, and for each stage why", Options, run, DETAILS)
+COMMAND = Command("plan", "show what `all` would run, and why", Options, run, DETAILS)

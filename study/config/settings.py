@@ -27,8 +27,8 @@ class Grid:
             a tenth.
         models: models, by their registered names. `paper` means the paper's three models, `all`
             means these and the models beyond the paper.
-        seeds: each names initial weights, an order of the data, and its part of the data at a level
-            that has not all of them: see `study.config.stage_settings.TrainingSet`.
+        seeds: training seeds. Each determines initial weights, the order of the data, and, at a
+            level with a part of the data, which part: see `TrainingSet`.
     """
 
     environments: tuple[str, ...] = ("pusher", "uav")
@@ -47,7 +47,7 @@ class Collect:
         trajectories: training trajectories, of which each level has a fraction.
         validation: trajectories for early stopping and tuning, the same for every level.
         scenarios: test scenarios (the paper's 250).
-        rollouts: observed rollouts K of each test scenario.
+        rollouts: observed rollouts of each test scenario.
         horizon: control steps T; null is the environment's own (120 and 60).
         seed: of the data sets; the same for every cell.
     """
@@ -65,10 +65,10 @@ class Ensemble:
     """The M recurrent networks, whose disagreement is the epistemic part (section III-A).
 
     Args:
-        members: M.
+        members: number of networks M.
         cross_fit: each member leaves out a fold of 1/M of the trajectories, and residuals are
-            out-of-fold: taken to the member that left the trajectory out, as in a forecast. Without
-            it all members learn from all trajectories, and residuals are in-sample.
+            out-of-fold: relative to the member that left the trajectory out, as in a forecast.
+            Without it all members learn from all trajectories, and residuals are in-sample.
         hidden_size: hidden units of each member's GRU.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.

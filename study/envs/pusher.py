@@ -53,7 +53,7 @@ class Pusher(Simulator):
     after the action has been clipped. The noise is not recorded.
 
     **Scenario.** The arm and the ball start at rest. All quantities are sampled uniformly, and
-    sampled anew until the conditions hold.
+    again until the conditions hold.
 
     **Outcome.** The ball's centre comes within the goal radius of the target at any step of the
     horizon.

@@ -1,8 +1,8 @@
 """An ensemble of full VAEs, the earlier method of the residual VAE's authors.
 
-Acharya, Russell and Ahmed, "Uncertainty aware forecasting with ensembles of deep generative
-models" (workshop paper, 2022; also the source of the full VAE): each member is a generative model
-of the state, p_m(s_{1:T} | s_0; a_{0:T-1}).
+Acharya, Russell and Ahmed, "Uncertainty quantification for competency assessment of autonomous
+agents" (ICRA workshop, 2022, arXiv:2206.10553): each member is a generative model of the state,
+p_m(s_{1:T} | s_0; a_{0:T-1}).
 """
 
 from dataclasses import dataclass

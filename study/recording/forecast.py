@@ -35,7 +35,7 @@ README = """
 Each tab shows one scenario of the test set. The panel on the left of the tab names the scenario and
 the rule by which it was chosen. From the same initial state s₀ and the same actions a₀ … a_{T−1}:
 
-- the real system was run K times (**observed**, grey);
+- the real system was run several times (**observed**, grey);
 - the model forecast K trajectories (**forecast**, blue).
 
 A perfect forecast has the same distribution as the observed trajectories.

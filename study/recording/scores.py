@@ -60,13 +60,14 @@ In the plots, **blue** is the average over all dimensions of the state. Grey is 
   deviations of the training data. Lower is better.
 - **Coverage of central intervals**: the share of observed values in the 50, 80 and 90 % intervals
   of the forecast. Below the ideal value, the forecast is overconfident.
-- **Reliability**: a faint dot for each scenario. Of all scenarios with a forecast probability p,
-  a share p should succeed. The line joins the means of ten bins. The ideal line is the diagonal.
+- **Reliability**: a faint dot for each scenario. Of the rollouts of
+  all scenarios with a forecast probability p, a share p should succeed. The line joins the means of
+  ten bins. The ideal line is the diagonal.
 - **Variance ratio**, on the tab *Variances*: forecast variance over observed variance. The ideal is
   1. Below 1 the forecast is overconfident, above 1 underconfident. Here it is an average over
   all steps; the tables of the study have the median from step 11 on.
-- **Aleatoric ratio**: aleatoric forecast variance over observed variance. Above 1 the model
-  represents a part of its epistemic uncertainty as noise.
+- **Aleatoric ratio**: aleatoric forecast variance over observed variance. Above 1
+  the model overestimates the noise: it may count epistemic uncertainty as aleatoric.
 """
 
 

@@ -44,7 +44,7 @@ fall below 0 by chance.
 
 The panel *Legend* names the colours. Some lines are references to compare with:
 
-- *Oracle*: forecasts by the simulator itself. No model can be better.
+- *Oracle*: forecasts by the simulator itself. In expectation, no model can be better.
 - *Ensemble alone*: the recurrent networks without a model of the noise.
 - *Shift of 0.1, 0.3 and 1 sd*, for scale: the MMD² of correct forecasts, shifted by that many
   standard deviations of the observed states.
