@@ -51,7 +51,7 @@ TERMS = {
     "seeds and scenarios. With one seed it is over scenarios alone, and does not include the "
     "variation of training",
     "above, below, between": "of an interval: both of its ends are",
-    "Scenarios, Seeds": "the sample sizes n: test scenarios (an initial state, a goal and actions), "
+    "Scenarios, Seeds": "sample sizes n: test scenarios (an initial state, a goal and actions), "
     "or dimensions of the state for a claim about variances; and training seeds that all models of "
     "the contrast have",
     "smallest effect of interest": "the smallest effect that matters, by metric; fixed before any "

@@ -1,4 +1,4 @@
-"""Command `figures`: write tables and figures again from the scores alone."""
+"""Command `figures`: write claims, tables and figures again, without training."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from study.results.folder import check_writable
 from study.workflow.lock import locked
 
 DETAILS = """\
-Reads scores.parquet, trials.parquet and illustrations/ of OUT, and trains nothing. Writes tables/,
-figures/ and their checksums in SHA256SUMS.
+Reads scores.parquet, trials.parquet and illustrations/ of OUT, and trains nothing. Writes the
+verdicts on the claims, tables/, figures/ and their checksums in SHA256SUMS.
 
 examples
   python -m study.run figures
@@ -23,12 +23,14 @@ class Options(StudyOptions):
 
 
 def run(options: Options) -> int:
-    """Write tables and figures, and print their paths.
+    """Write claims, tables and figures, and print their paths.
 
     Raises:
         BadInput: there are no scores, or the folder is in use or not writable.
         StudyError: the scores are damaged.
     """
+    import pandas as pd
+
     from study.results import summary
 
     out = options.out
@@ -43,15 +45,20 @@ def run(options: Options) -> int:
             for name in (summary.SCORES, summary.TRIALS):
                 checksums.check(out / name, out)
         try:
-            paths = summary.plot(out)
+            summary.write_claims(pd.read_parquet(out / summary.SCORES), out)
+            paths = [out / summary.CLAIMS, out / summary.VERDICTS, *summary.plot(out)]
         finally:  # if a figure fails, the other figures are written
             if has_checksums:
-                checksums.renew(out, summary.PLOTTED)
+                checksums.renew(out, (*summary.PLOTTED, summary.CLAIMS, summary.VERDICTS))
     for path in paths:
         print(path)
     return 0
 
 
 COMMAND = Command(
-    "figures", "write tables and figures again from the scores alone", Options, run, DETAILS
+    "figures",
+    "write claims, tables and figures again, without training",
+    Options,
+    run,
+    DETAILS,
 )

@@ -36,17 +36,17 @@ def write(out: Path) -> None:
     write_checksums(out / NAME, {name: sha256(out / name) for name in names})
 
 
-def renew(out: Path, folders: Collection[str]) -> None:
-    """Write new checksums of the files in some folders. The checksums of other files do not change.
+def renew(out: Path, names: Collection[str]) -> None:
+    """Write new checksums of some files and folders. The checksums of other files do not change.
 
     Raises:
         StudyError: a file cannot be read back, or the old checksums are missing or damaged.
     """
     checksums = {
-        name: value for name, value in read(out).items() if name.split("/")[0] not in folders
+        name: value for name, value in read(out).items() if name.split("/")[0] not in names
     }
     for name in present(out):
-        if name.split("/")[0] in folders:
+        if name.split("/")[0] in names:
             read_back(out / name)
             checksums[name] = sha256(out / name)
     write_checksums(out / NAME, dict(sorted(checksums.items())))
