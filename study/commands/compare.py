@@ -1,6 +1,5 @@
 """Command `compare`: the settings that differ and the scores of some cells, side by side."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from study.commands.command import Argument, Command, StudyOptions
 from study.commands.terminal import console
 from study.commands.view import check_cell, known_cells
 from study.common.errors import BadInput
+from study.config.convert import by_dotted_name
 from study.config.grid import Cell
 from study.results import folder
 from study.results.folder import Results
@@ -97,10 +97,10 @@ def _settings(results: Results, cell: Cell) -> Column:
     trials = _of_cell(pd.read_parquet(results.out / "trials.parquet"), cell)
     column = asdict(cell) | {"beta": _only(trials[trials.chosen.astype(bool)], "beta")}
     for task in topological_order([Pipeline(results.config).evaluate(cell)]):
-        for path, value in _flat(task.settings, task.stage).items():
+        for path, value in by_dotted_name(task.settings, f"{task.stage}.").items():
             section, name = path.split(".")[-2:]
             # The seeds of stages depend on the cell alone.
-            if name not in column and not name.endswith("_version"):
+            if name not in column:
                 column[f"{section}.{name}"] = value
     return column
 
@@ -123,17 +123,6 @@ def _side_by_side(columns: Mapping[str, Column]) -> "pd.DataFrame":
     rows = list(dict.fromkeys(name for column in columns.values() for name in column))
     table = {cell: [column.get(row) for row in rows] for cell, column in columns.items()}
     return pd.DataFrame(table, index=rows, dtype=object)
-
-
-def _flat(tree: Any, prefix: str) -> Column:
-    """Nested settings by dotted name; lists as JSON."""
-    if not isinstance(tree, Mapping):
-        return {prefix: tree if isinstance(tree, str | int | float | None) else json.dumps(tree)}
-    return {
-        name: value
-        for key, branch in tree.items()
-        for name, value in _flat(branch, f"{prefix}.{key}").items()
-    }
 
 
 def _print(terminal: Console, title: str, frame: "pd.DataFrame") -> None:

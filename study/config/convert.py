@@ -38,3 +38,13 @@ def _convert(annotation: Any, value: Any) -> Any:
     if is_dataclass(annotation) and isinstance(annotation, type):
         return from_json(annotation, value)
     return tuple(value) if get_origin(annotation) is tuple else value
+
+
+def by_dotted_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings of settings as one, by dotted name such as ``tune.trials``."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        nested = isinstance(value, Mapping)
+        flat |= by_dotted_name(value, f"{name}.") if nested else {name: value}
+    return flat

@@ -8,12 +8,12 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from study.common.errors import BadInput, StudyError
 from study.common.files import copy, read_json
+from study.config.convert import by_dotted_name
 from study.config.grid import Cell, cells
 from study.config.settings import Config
 from study.results import checksums, origin, summary, timings
@@ -75,20 +75,11 @@ def _joined_config(parts: Sequence[Results]) -> Config:
 def _different_settings(first: Results, second: Results) -> list[str]:
     """The settings and versions in which two studies differ, except their seeds and names."""
     a, b = (
-        _flat(settings_of(part.config) | {"versions": dict(part.origin.versions)})
+        by_dotted_name(settings_of(part.config) | {"versions": dict(part.origin.versions)})
         for part in (first, second)
     )
     names = (a.keys() | b.keys()) - {"grid.seeds", "name"}
     return [name for name in sorted(names) if a.get(name) != b.get(name)]
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested settings by dotted name."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
-    return flat
 
 
 def _write(parts: Sequence[Results], config: Config, out: Path) -> None:

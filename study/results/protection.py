@@ -11,6 +11,7 @@ from typing import Any
 
 from study.common.files import read_json
 from study.common.provenance import MANIFEST
+from study.config.convert import by_dotted_name
 from study.config.grid import Cell
 from study.config.settings import Config
 from study.results.folder import STUDY, settings_of
@@ -81,8 +82,8 @@ def _different_settings(config: Config, out: Path) -> list[str]:
     settings = _study(out).get("settings")
     if not isinstance(settings, dict):
         return ["all, since study.json cannot be read"]
-    old = _flat(settings)
-    new = _flat(json.loads(json.dumps(settings_of(config))))
+    old = by_dotted_name(settings)
+    new = by_dotted_name(json.loads(json.dumps(settings_of(config))))
     return [
         name
         for name in sorted(old.keys() | new.keys())
@@ -104,12 +105,3 @@ def _study(out: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return facts if isinstance(facts, dict) else {}
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested settings by dotted name."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
-    return flat
