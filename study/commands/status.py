@@ -14,7 +14,7 @@ from study.commands.terminal import console, say, show
 from study.common.errors import BadInput
 from study.common.progress import read_progress
 from study.config.grid import cells, select
-from study.results.timings import parallel_tasks
+from study.results import timings
 from study.workflow.lock import is_locked
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -50,26 +50,35 @@ def run(options: Options) -> int:
     selected = select(cells(config), options.only)
     records = record_tasks(config, store)
     tasks = topological_order(records[cell] for cell in selected)
-    timings = [(task.stage, store.timing(task)) for task in tasks]
-    terminal.print(state_table(tasks, store, out))
-    show(terminal, cost_table(timings))
+    published = {} if store.root.is_dir() else timings.read(out)
+    costs = {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
+    terminal.print(state_table(costs, store, out))
+    if published:
+        say(terminal, f"the stages ran elsewhere: {out} has the results, but no {store.root.name}/")
+    show(terminal, cost_table([(task.stage, cost) for task, cost in costs.items()]))
     if not options.only:
-        duration = duration_line([timing for _, timing in timings], parallel_tasks(config, out))
+        duration = duration_line(costs.values(), timings.parallel_tasks(config, out))
         if duration:
             say(terminal, duration)
     return 0
 
 
-def state_table(tasks: Sequence[Task], store: Store, out: Path) -> Table:
-    """One line for each task: whether it is done, running, failed or to do, and its wall time."""
+def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
+    """One line for each task: whether it is done, running, failed or to do, and its wall time.
+
+    Args:
+        costs: of each task; empty for a task that is not done.
+        store: the folders of the tasks.
+        out: the results folder.
+    """
     is_running = is_locked(out)
     table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
         table.add_column(column, no_wrap=True)
     table.add_column("seconds", justify="right")
     total = 0.0
-    for task in tasks:
-        seconds = store.timing(task).get("seconds")
+    for task, cost in costs.items():
+        seconds = cost.get("seconds")
         total += seconds or 0.0
         state = "done" if seconds is not None else _state(task, store, is_running)
         table.add_row(task.stage, task.label, state, "" if seconds is None else f"{seconds:.1f}")

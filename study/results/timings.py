@@ -44,6 +44,19 @@ def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> Non
     write_json(out / NAME, facts | measured)
 
 
+def read(out: Path) -> dict[str, dict[str, float]]:
+    """The published cost of each task, by its name; empty if there is none."""
+    costs: dict[str, dict[str, float]] = {}
+    try:
+        facts = read_json(out / NAME)
+        for quantity in PER_STAGE:
+            for task, value in facts[quantity].items():
+                costs.setdefault(task, {})[quantity] = float(value)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return costs
+
+
 def join(folders: Iterable[Path], out: Path) -> None:
     """Write the timings of several studies as those of one study."""
     parts = [read_json(folder / NAME) for folder in folders]

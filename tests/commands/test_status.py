@@ -11,7 +11,7 @@ from rich.console import Console
 from study.commands.status import UNKNOWN, cost_table, duration_line
 from study.common.files import read_json, write_json
 from study.workflow import meter
-from tests.helpers.running import SMALL, study
+from tests.helpers.running import ROOT, SMALL, study
 
 MEGABYTE = 1_000_000
 
@@ -104,3 +104,13 @@ def test_results_of_earlier_versions_show(copied: Path) -> None:
     part = study("status", *SMALL, "--out", copied, "--only", "*/drift/*")
     assert "cost of the stages" in part.out
     assert "from first start" not in part.out
+
+
+def test_published_results_without_their_stages_are_done() -> None:
+    out = ROOT / "results" / "paper"
+    assert not (out / "work").exists()
+    shown = study("status", "--out", out, "--only", "uav/low/full_vae/*")
+    assert shown.code == 0
+    assert "to do" not in shown.out
+    assert "the stages ran elsewhere" in shown.out
+    assert not (out / "work").exists()
