@@ -106,6 +106,7 @@ def test_results_of_earlier_versions_show(copied: Path) -> None:
     assert "from first start" not in part.out
 
 
+@pytest.mark.slow
 def test_published_results_without_their_stages_are_done() -> None:
     out = ROOT / "results" / "paper"
     assert not (out / "work").exists()
