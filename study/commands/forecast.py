@@ -81,7 +81,7 @@ def run(options: Options) -> int:
     cell = results.cell(options.cell, "--cell")
 
     from study.data.plan_files import write_plan
-    from study.recording.viewer import open_viewer
+    from study.recording.viewer import check_display, open_viewer
     from study.results.forecast import Request, forecast, read_request, record
 
     request = Request(results, cell, options.scenario or 0, options.file, options.samples)
@@ -92,6 +92,8 @@ def run(options: Options) -> int:
         return 0
     if options.samples is not None:
         check_samples("--samples", options.samples, plan.actions.shape[0] * plan.s0.size)
+    if options.save is None:
+        check_display()
     terminal = console()
     if changed := results.origin.changed_source([cell]):
         say(terminal, f"note: {options.out}: {changed}")
@@ -108,21 +110,16 @@ def run(options: Options) -> int:
 
 
 def _check_targets(options: Options) -> None:
-    """Check before the forecast that files can be written and the viewer can be opened.
+    """Check before the forecast that files can be written.
 
     Raises:
         BadInput: a file is not writable.
-        StudyError: there is no display.
     """
-    from study.recording.viewer import check_display
-
     for flag, path in (("--save", options.save), ("--write", options.write)):
         if path is not None:
             problem = why_not_writable(path.parent)
             if problem or path.is_dir():
                 raise BadInput(f"{flag}: {problem or f'{path} is a folder; give a file'}")
-    if options.save is None and options.write is None:
-        check_display()
 
 
 def print_forecast(

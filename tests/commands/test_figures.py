@@ -21,11 +21,12 @@ def test_checksums_are_renewed(copied: Path) -> None:
 
 
 def test_damage_elsewhere_stays_visible(copied: Path) -> None:
-    (copied / "claims.md").write_text("all is well\n")
+    weights = next((copied / "weights").rglob("*.safetensors"))
+    weights.write_bytes(weights.read_bytes()[:-1])
     checksums = (copied / SUMS).read_bytes()
     assert study("figures", "--out", copied).code == 0
     assert (copied / SUMS).read_bytes() == checksums
-    assert f"damaged: {copied / 'claims.md'}" in study("verify", copied).out
+    assert f"damaged: {weights}" in study("verify", copied).out
 
 
 def test_damaged_scores_are_not_plotted(copied: Path) -> None:

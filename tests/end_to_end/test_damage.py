@@ -29,7 +29,7 @@ def _truncate(path: Path) -> None:
         ("work/tune/*/journal.log", _flip),
         ("work/tune/*/manifest.json", _truncate),
         ("work/ensemble/*/ensemble.safetensors", _flip),
-        ("work/ensemble/*/training.rrd", Path.unlink),
+        ("work/ensemble/*/metrics.csv", Path.unlink),
         ("work/record_data/*/data.rrd", _flip),
     ],
 )

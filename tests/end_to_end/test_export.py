@@ -178,7 +178,7 @@ def test_without_minari(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
         (["export", "pushr"], "did you mean 'pusher'?"),
         (["export", "pusher", "--too", "x"], "unknown setting 'too'"),
         (["export", "pusher", "--to"], "its value is missing"),
-        (["export", "pusher", "--name", "a b"], "letters, digits, - and _"),
+        (["export", "pusher", "--name", "a b"], "letters, digits, ., - and _"),
         (["export", "cart", *CART, "--to", "/proc/nowhere"], "--to: cannot write to"),
         (["all", "--to", "x"], "unknown setting 'to'"),
     ],

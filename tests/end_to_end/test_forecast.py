@@ -164,7 +164,9 @@ def test_damaged_weights(shipped: Path, tmp_path: Path, harm: str) -> None:
         path.write_bytes(content)
     else:
         path.unlink()
-    done = study("forecast", "--cell", CELL, "--scenario", 0, "--out", out)
+    recording = tmp_path / "forecast.rrd"
+    command = ["forecast", "--cell", CELL, "--scenario", 0, "--out", out, "--save", recording]
+    done = study(*command)
     assert done.code == 1
     assert done.err.startswith(f"error: {path} is {'damaged' if harm == 'flip' else 'missing'}")
     assert done.err.count("\n") == 1

@@ -4,7 +4,6 @@ import importlib.util
 import re
 import shlex
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -14,6 +13,7 @@ from paper_figs.pages.__main__ import outdated
 from paper_figs.pages.marks import pages
 from study.commands.parser import parse
 from study.common.files import read_json
+from study.config.tree import to_json
 
 ROOT = Path(__file__).parents[2]
 PAGES = pages(ROOT)
@@ -86,7 +86,7 @@ def test_the_tables_are_those_of_the_committed_numbers() -> None:
 def test_the_configuration_of_the_committed_results() -> None:
     """It is ``configs/paper.yaml``, except for the engine, on which no number depends."""
     _, options = parse(["plan", "--config", str(ROOT / "configs" / "paper.yaml")])
-    settings = asdict(options.config)
+    settings = to_json(options.config)
     del settings["engine"]
     committed = read_json(ROOT / "results" / "paper" / "study.json")["settings"]
     assert _lists(settings) == committed
