@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 
 from study.commands.parser import parse
-from study.commands.settings import CONFIGS, change
+from study.commands.settings import CONFIGS, DEFAULT, change
 from study.common.errors import BadInput
+from study.common.files import write_json
 from study.config.names import BEYOND, MODELS
 from study.config.settings import Config
+from study.results.folder import FORMAT, settings_of, write_run_settings
 from tests.helpers.running import configuration
 
 
@@ -134,3 +136,27 @@ def test_a_change_that_is_not_allowed() -> None:
         change(Config(), ["--vae.latent_size=0"])
     with pytest.raises(BadInput, match=r"did you mean 'vae.latent_size'\?"):
         change(Config(), ["--vae.latent_sise=2"])
+
+
+def test_a_results_folder_has_the_settings_of_its_study(tmp_path: Path) -> None:
+    """A run that was stopped counts, and a file or flags change them."""
+
+    def settings(*flags: str) -> Config:
+        _, options = parse(["plan", "--out", str(tmp_path), *flags])
+        found: Config = options.config
+        return found
+
+    assert settings() == Config()
+    published = configuration("--tune.trials=7", "--plugins=[study.examples.cart]")
+    facts = {"format": FORMAT, "settings": settings_of(published)}
+    write_json(tmp_path / "study.json", facts)
+    assert settings() == published
+    assert settings("--tune.trials=8").tune.trials == 8
+    assert settings("--config", str(DEFAULT)) == Config()
+    stopped = configuration("--tune.trials=9")
+    write_run_settings(tmp_path, stopped)
+    assert settings() == stopped
+    (tmp_path / "work" / "settings.json").write_text("{")
+    with pytest.raises(BadInput, match="settings.json is damaged; give the settings"):
+        settings()
+    assert settings("--config", str(DEFAULT)) == Config()
