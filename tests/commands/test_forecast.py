@@ -26,10 +26,10 @@ def test_a_target_that_cannot_be_written(flag: str, tmp_path: Path) -> None:
         assert done.err.endswith(f"{problem}\n")
 
 
-def test_no_display_for_the_viewer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_display_for_the_viewer(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    done = study(*GIVEN, tmp_path / "study")
-    assert done.code == 1
+    done = study(*GIVEN, small)
+    assert (done.code, done.out) == (1, "")
     assert "there is no display" in done.err
     assert "--save" in done.err

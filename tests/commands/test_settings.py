@@ -157,6 +157,6 @@ def test_a_results_folder_has_the_settings_of_its_study(tmp_path: Path) -> None:
     write_run_settings(tmp_path, stopped)
     assert settings() == stopped
     (tmp_path / "work" / "settings.json").write_text("{")
-    with pytest.raises(BadInput, match="settings.json is damaged; give the settings"):
+    with pytest.raises(BadInput, match=r"settings\.json is damaged; give the settings"):
         settings()
     assert settings("--config", str(DEFAULT)) == Config()
