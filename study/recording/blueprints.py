@@ -116,7 +116,7 @@ def training(metrics: Sequence[str]) -> rrb.Blueprint:
         )
         for title in titles
     ]
-    notes = rrb.Tabs(readme(), readme("/hyperparameters", "Hyperparameters"), name="Notes")
+    notes = readme()
     columns = 1 if len(views) < 3 else 2
     return blueprint(
         "step",

@@ -12,9 +12,12 @@ from study.config.model_sections import Crps, Mlp, ModelEnsemble, Vae
 from study.config.settings import SECTIONS, Config, Ensemble
 from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
-from study.models import Model
+from study.models import Model, models
 from study.models.checkpoints import build, class_of
 from study.models.rnn_ensemble import RnnEnsemble
+
+OURS = [name for name in models if models[name].__module__.startswith("study.models.")]
+"""The study's own models: other tests register models of their own."""
 
 STATE, ACTION, HORIZON = 3, 2, 6
 MEMBERS = 3

@@ -15,11 +15,11 @@ from study.config.settings import Config, Train
 from study.models import Model, models
 from study.models.networks.decoder import GaussianDecoder
 from study.models.rnn_ensemble import RnnEnsemble
-from tests.helpers.models import HORIZON, MEMBERS, STATE, ensemble, model, trajectories
+from tests.helpers.models import HORIZON, MEMBERS, OURS, STATE, ensemble, model, trajectories
 
 Changes = Mapping[str, Mapping[str, Any]]
 
-NAMES = [*models, "ensemble"]
+NAMES = [*OURS, "ensemble"]
 VARIANTS: list[tuple[str, Changes]] = [
     ("full_vae", {"vae": {"target": "state"}}),
     ("residual_vae", {"vae": {"target": "state"}}),
@@ -136,7 +136,7 @@ def test_normalized_units_are_inverted() -> None:
 
 def test_settings_come_from_the_sections_of_the_configuration() -> None:
     config = Config(train=Train(steps=7))
-    for name in models:
+    for name in OURS:
         settings = models[name].settings_from(config, name)
         assert settings.train is config.train
     assert models["full_vae"].settings_from(config).vae is config.section("vae")

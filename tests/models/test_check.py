@@ -22,7 +22,6 @@ from study.models.forecasting import forecast_in_parts
 from tests.helpers import models as small
 
 S, K, T, D = 6, 5, 8, 4
-OURS = [name for name in models if models[name].__module__.startswith("study.models.")]
 
 
 INSTANCES: dict[int, int] = {}
@@ -155,7 +154,7 @@ def test_the_tutorials_model_has_no_fault() -> None:
     study.check_model(Drift)
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", small.OURS)
 def test_no_model_of_the_study_has_a_fault(name: str) -> None:
     check_model(models[name], small.settings(name))
 

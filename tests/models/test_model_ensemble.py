@@ -11,7 +11,6 @@ from torch import Tensor
 from study.config.grid import Cell
 from study.config.model_sections import ModelEnsemble, ProbabilisticEnsemble
 from study.config.settings import Config
-from study.models import models
 from study.models.crps import CrpsSettings
 from study.models.full_crps import FullCrps
 from study.models.full_vae_ensemble import FullVaeEnsemble
@@ -21,6 +20,7 @@ from tests.helpers.models import (
     ACTION,
     HORIZON,
     MEMBERS,
+    OURS,
     SMALL,
     STATE,
     model,
@@ -191,7 +191,7 @@ def test_a_fit_depends_on_the_sections_of_its_model_alone(
     change: dict[str, Any], dependent: list[str]
 ) -> None:
     original, changed = Pipeline(Config()), Pipeline(Config(sections=change))
-    cells = [Cell("uav", "low", name, 0) for name in models]
+    cells = [Cell("uav", "low", name, 0) for name in OURS]
     differing = {
         cell.model for cell in cells if original.train(cell).key != changed.train(cell).key
     }

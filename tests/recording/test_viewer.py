@@ -78,7 +78,7 @@ def test_every_view_is_drawn(kind: str, tmp_path: Path) -> None:
     KINDS[kind](path)
     shown = screenshots(path, Path(os.environ.get("SCREENSHOTS", tmp_path / "png")))
     assert shown.problems == []
-    documents = {"README", "About this scenario", "About this trajectory", "Hyperparameters"}
+    documents = {"README", "About this scenario", "About this trajectory"}
     documents |= {"Cells", "Legend", *recordings.TEXTS}
     for name, image in shown.views.items():
         share = lettered(image) if name.split(" (")[0] in documents else coloured(image)
