@@ -9,8 +9,8 @@ from study.results.folder import check_writable
 from study.workflow.lock import locked
 
 DETAILS = """\
-Reads scores.parquet, trials.parquet and illustrations/ of OUT, and trains nothing. Writes the
-verdicts on the claims, tables/, figures/ and their checksums in SHA256SUMS.
+Reads scores.parquet, trials.parquet, study.json and illustrations/ of OUT, and trains nothing.
+Writes the verdicts on the claims, tables/, figures/ and their checksums in SHA256SUMS.
 
 examples
   python -m study.run figures

@@ -167,7 +167,7 @@ def test_a_part_of_the_grid(smoke: tuple[Path, Done]) -> None:
 
 def test_figures_again_from_the_results_alone(smoke: tuple[Path, Done], tmp_path: Path) -> None:
     out, _ = smoke
-    for copied in files(out, "*.parquet", "illustrations/**/*"):
+    for copied in files(out, "*.parquet", "study.json", "illustrations/**/*"):
         (tmp_path / copied).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / copied).write_bytes((out / copied).read_bytes())
     done = study("figures", *SMOKE, "--out", tmp_path)
