@@ -18,7 +18,7 @@ _FLAT, _SPATIAL, _CLOSE = 75.0, 20.0, 15.0
 
 @dataclass(frozen=True)
 class View:
-    """A camera, and the width of its picture in metres at the point that it looks at."""
+    """A camera, and the width of its picture in metres at its focal point."""
 
     camera: mujoco.MjvCamera
     width: float
