@@ -54,6 +54,7 @@ class Crps:
         batch_size: trajectories that single transitions are sampled from, in place of
             `train.batch_size`; rollouts start from some of them.
         learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
+        symmetries: `all` or `none`, in place of `train.symmetries`.
         noise_size: standard normal numbers that drive the decoder at each step.
         persistent_noise_size: so many of them are sampled once for the whole trajectory.
         samples: forecasts of each training trajectory that are scored together.
@@ -65,6 +66,7 @@ class Crps:
     one_step_fraction: float = setting(0.8, low=0.0, high=1.0)
     batch_size: int = setting(64, low=1, high=10**6)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
+    symmetries: str = setting("all", choices=("none", "all"))
     noise_size: int = setting(12, low=1, high=1000)
     persistent_noise_size: int = setting(4, low=0, high=1000)
     samples: int = setting(4, low=2, high=10**4)

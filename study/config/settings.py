@@ -77,6 +77,8 @@ class Ensemble:
             `Model.weight_decay`.
         teacher_forcing_fraction: share of the steps that are teacher forced; the others train on
             autoregressive rollouts.
+        symmetries: the training data are transformed by the symmetries of the environment (`all`),
+            as by `train.symmetries`, or are used as they are (`none`).
         validate_every: steps between two evaluations on the validation data.
         patience: evaluations without improvement before training stops.
     """
@@ -89,6 +91,7 @@ class Ensemble:
     learning_rate: float = setting(6e-3, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
     teacher_forcing_fraction: float = setting(0.4, low=0.0, high=1.0)
+    symmetries: str = setting("none", choices=("none", "all"))
     validate_every: int = setting(100, low=1, high=10**8)
     patience: int = setting(6, low=1, high=10**8)
 
@@ -120,8 +123,8 @@ class Tune:
 class Train:
     """Training of the cells' models (stage train).
 
-    The CRPS generators take steps, batch size and learning rate from their own section, and never
-    stop early.
+    The CRPS generators take steps, batch size, learning rate and symmetries from their own section,
+    and never stop early.
 
     Args:
         steps: optimiser steps at most.
@@ -129,6 +132,9 @@ class Train:
         learning_rate: of AdamW, at its peak (one-cycle schedule).
         weight_decay: its weight decay, times the number of training trajectories: see
             `Model.weight_decay`.
+        symmetries: every trajectory of a batch is transformed at random by the symmetries that the
+            environment declares, such as turns and mirror images (`all`), or is used as it is
+            (`none`). An environment without symmetries has no transformation.
         validate_every: steps between two evaluations of the validation score.
         patience: evaluations without improvement before training stops.
         accelerator: Lightning's: `auto` takes a GPU where there is one.
@@ -138,6 +144,7 @@ class Train:
     batch_size: int = setting(12, low=1, high=10**6)
     learning_rate: float = setting(8e-3, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
+    symmetries: str = setting("none", choices=("none", "all"))
     validate_every: int = setting(150, low=1, high=10**8)
     patience: int = setting(8, low=1, high=10**8)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))

@@ -1,6 +1,6 @@
 """Normalised units: learned models work on states and actions of zero mean and unit variance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from study.common.arrays import Floats, Integers
 from study.data.frames import rotating_pairs_of, to_fixed_frame
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
+from study.data.transformations import SymmetryGroup, orbit_parts
 
 SMALLEST_SCALE = 1e-6
 """A component with a smaller standard deviation is constant. Its scale is one."""
@@ -41,17 +42,26 @@ class Normalization:
     rotating_pairs: Integers
 
     @classmethod
-    def from_trajectories(cls, trajectories: Trajectories) -> "Normalization":
-        """The moments of a training set."""
-        states, actions = trajectories.states, trajectories.actions
+    def from_trajectories(
+        cls, trajectories: Trajectories, group: SymmetryGroup | None = None
+    ) -> "Normalization":
+        """The moments of a training set.
+
+        Args:
+            trajectories: the training set.
+            group: symmetries. With them, the moments are those of all transformed copies.
+        """
         pairs = rotating_pairs_of(trajectories.facts)
 
-        def fixed(part: Floats) -> Floats:
-            return to_fixed_frame(_copy(part), torch.from_numpy(pairs)).numpy()
+        def states() -> Iterable[Floats]:
+            for part, _ in _parts(trajectories, group):
+                yield to_fixed_frame(_copy(part), torch.from_numpy(pairs)).numpy()
 
-        state_mean, state_scale = _measure(states, fixed)
-        action_mean, action_scale = _measure(actions)
-        _, delta_std = _measure(states, lambda part: np.diff(fixed(part), axis=1) / state_scale)
+        state_mean, state_scale = _measure(states)
+        action_mean, action_scale = _measure(
+            lambda: (actions for _, actions in _parts(trajectories, group))
+        )
+        _, delta_std = _measure(lambda: (np.diff(part, axis=1) / state_scale for part in states()))
         return cls(state_mean, state_scale, action_mean, action_scale, delta_std, pairs)
 
     def normalize_states(self, states: Floats) -> Tensor:
@@ -73,10 +83,18 @@ def _normalize(values: Tensor, mean: Floats, scale: Floats) -> Tensor:
     return values.sub_(torch.from_numpy(mean)).div_(torch.from_numpy(scale))
 
 
-def _measure(
-    values: Floats, change: Callable[[Floats], Floats] = lambda part: part
-) -> tuple[Floats, Floats]:
-    """Mean [D] and scale [D] of `change(values)`, where values are [N, T, D]; chunk by chunk."""
-    starts = range(0, len(values), CHUNK)
-    mean, scale = moments(lambda: (change(values[start : start + CHUNK]) for start in starts))
+def _parts(
+    trajectories: Trajectories, group: SymmetryGroup | None
+) -> Iterable[tuple[Floats, Floats]]:
+    """States and actions, in parts that fit into memory."""
+    if group is not None:
+        return orbit_parts(trajectories, group, CHUNK)
+    starts = range(0, len(trajectories), CHUNK)
+    states, actions = trajectories.states, trajectories.actions
+    return ((states[first : first + CHUNK], actions[first : first + CHUNK]) for first in starts)
+
+
+def _measure(read_parts: Callable[[], Iterable[Floats]]) -> tuple[Floats, Floats]:
+    """Mean [D] and scale [D] of an array [N, T, D] that is read part by part."""
+    mean, scale = moments(read_parts)
     return mean.astype(np.float32), np.where(scale < SMALLEST_SCALE, 1.0, scale).astype(np.float32)

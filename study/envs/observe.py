@@ -214,6 +214,7 @@ def _facts(simulator: Simulator, seed: int) -> dict[str, Any]:
         "unobserved": to_json(simulator.unobserved),
         "goal": to_json(simulator.goal),
         "rotating_pairs": [list(names) for names in simulator.rotating_pairs],
+        "symmetries": simulator.symmetries.to_json(),
         "seed": seed,
         "versions": {"study": __version__} | {name: version(name) for name in ("mujoco", "numpy")},
     }

@@ -8,6 +8,7 @@ from mujoco.batch import Batch
 
 from study.common.arrays import Booleans, Doubles, Floats, Integers
 from study.common.seeds import Seeds
+from study.data.symmetries import Mirror, Symmetries, Turn
 from study.data.variables import Constant, Variable, bounds
 from study.envs.noise import Noise
 from study.envs.pusher_policy import (
@@ -112,6 +113,31 @@ class Pusher(Simulator):
     )
     policy_variables = POLICY_VARIABLES
     plotted = ("arm_x", "theta_rate", "ball_x_rate")
+    symmetries = Symmetries(
+        turn=Turn(
+            states=(
+                ("arm_x", "arm_y"),
+                ("cos_theta", "sin_theta"),
+                ("ball_x", "ball_y"),
+                ("ball_x_rate", "ball_y_rate"),
+            ),
+            goal=(("target_x", "target_y"),),
+            broken_by=("the ball reaches a cushion",),  # The table is square.
+        ),
+        mirror=Mirror(
+            states=(
+                "arm_y",
+                "sin_theta",
+                "theta_rate",
+                "sin_gamma",
+                "gamma_rate",
+                "ball_y",
+                "ball_y_rate",
+            ),
+            actions=("upper_torque", "lower_torque"),
+            goal=("target_y",),
+        ),
+    )
     default_horizon = 120
     control_step = 0.02
     radius = 0.04

@@ -10,6 +10,7 @@ import numpy as np
 
 from study.common.errors import BadInput
 from study.common.registry import full_name, identity, missing
+from study.data.symmetries import Symmetries
 from study.data.variables import Variable
 from study.envs.simulator import Simulator, simulators
 
@@ -89,6 +90,14 @@ def check_class(simulator: Any) -> None:
             raise BadInput(f"{subject}.{name}: got {names}; each variable has a name of its own")
         if not names and name in ("state", "action"):
             raise BadInput(f"{subject}.{name} is empty; give at least one Variable")
+    if not isinstance(simulator.symmetries, Symmetries):
+        raise BadInput(
+            f"{subject}.symmetries: got {simulator.symmetries!r:.60}; give study.envs.Symmetries"
+        )
+    simulator.symmetries.check(
+        f"{subject}.symmetries",
+        *([v.name for v in group] for group in (simulator.state, simulator.action, simulator.goal)),
+    )
     for variable in simulator.action:
         if not -np.inf < variable.low < variable.high < np.inf:
             raise BadInput(

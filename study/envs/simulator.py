@@ -32,6 +32,7 @@ from study.common.arrays import Booleans, Doubles, Floats
 from study.common.errors import BadInput
 from study.common.registry import Registry
 from study.common.seeds import Seeds
+from study.data.symmetries import Symmetries
 from study.data.variables import Constant, Variable, bounds
 
 Policy = Callable[[int, Floats], NDArray[np.floating]]
@@ -124,6 +125,9 @@ class Simulator(ABC):
     rotating_pairs: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Names (a, b, angle) of state variables: a and b are components along axes that are rotated
     by the angle. Models see them in a fixed frame (`study.data.frames`)."""
+    symmetries: ClassVar[Symmetries] = Symmetries()
+    """The transformations that map a rollout onto another one; without any, the trivial group. The
+    setting `train.symmetries` applies them to training data (`study.data.symmetries`)."""
     default_horizon: ClassVar[int]
     control_step: ClassVar[float]
     """Seconds from one state of a trajectory to the next."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from study.common.arrays import Booleans, Doubles, Floats
 from study.common.seeds import Seeds
+from study.data.symmetries import Mirror, Shift, Symmetries, Turn
 from study.data.variables import Constant, Variable, bounds
 from study.envs import uav_physics
 from study.envs.noise import Noise
@@ -118,6 +119,24 @@ class Uav(Simulator):
     policy_variables = POLICY_VARIABLES
     plotted = ("z", "vz", "battery")
     rotating_pairs = (("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw"))
+    # Height is no symmetry: the air is thinner and colder above, and there is the ground.
+    symmetries = Symmetries(
+        turn=Turn(
+            states=(("x", "y"), ("vx", "vy"), ("wind_x", "wind_y")),
+            actions=(("vx", "vy"),),
+            goal=(("target_x", "target_y"),),
+            angles=("yaw",),
+        ),
+        mirror=Mirror(
+            states=("y", "vy", "roll", "yaw", "roll_rate", "yaw_rate", "wind_y"),
+            actions=("vy", "yaw_rate"),
+            goal=("target_y",),
+        ),
+        shifts=(
+            Shift(-20.0, 20.0, states=("x",), goal=("target_x",)),
+            Shift(-20.0, 20.0, states=("y",), goal=("target_y",)),
+        ),
+    )
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         """One scenario for each seed [N], from `SCENARIO_VARIABLES`."""

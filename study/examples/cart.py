@@ -9,7 +9,17 @@ import numpy as np
 
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds
-from study.envs import Episode, Policy, Scenarios, Simulator, Variable, register
+from study.envs import (
+    Episode,
+    Mirror,
+    Policy,
+    Scenarios,
+    Shift,
+    Simulator,
+    Symmetries,
+    Variable,
+    register,
+)
 
 SCENE = """
 <mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -36,6 +46,12 @@ class Cart(Simulator):
     default_horizon = 20
     control_step = 0.1
     radius = 0.2  # The goal is reached within this distance of the target.
+    # Left and right are alike, and so are all parts of the track. Models may train on mirrored and
+    # shifted trajectories (`train.symmetries: all`).
+    symmetries = Symmetries(
+        mirror=Mirror(states=("x", "v"), actions=("force",), goal=("target",)),
+        shifts=(Shift(-1.0, 1.0, states=("x",), goal=("target",)),),
+    )
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         # A generator for each seed: a scenario must not depend on the other ones.

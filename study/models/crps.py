@@ -109,7 +109,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
 
     @classmethod
     def training_options(cls, settings: CrpsSettings) -> Train:
-        """See `Model.training_options`: steps, batch and learning rate of the section `crps`.
+        """See `Model.training_options`: what the section `crps` has in place of `train`.
 
         Training never stops early. A model that has learned only single transitions may have bad
         rollouts, so early validation scores do not predict the last one.
@@ -120,6 +120,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             steps=crps.steps,
             batch_size=crps.batch_size,
             learning_rate=crps.learning_rate,
+            symmetries=crps.symmetries,
             validate_every=max(1, crps.steps // EVALUATIONS),
             patience=crps.steps,
         )

@@ -27,6 +27,7 @@ class RnnEnsembleSettings:
             batch_size=options.batch_size,
             learning_rate=options.learning_rate,
             weight_decay=options.weight_decay,
+            symmetries=options.symmetries,
             validate_every=options.validate_every,
             patience=options.patience,
         )

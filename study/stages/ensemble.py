@@ -28,19 +28,21 @@ def run(
     settings: EnsembleSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
     """Run the stage."""
-    training, validation, normalization = training_data(settings.training, inputs["data"])
     ensemble = settings.ensemble
+    data_set = training_data(settings.training, inputs["data"], ensemble.symmetries, settings.seed)
+    training = data_set.training
     data = TrajectoryDataModule(
-        normalization,
+        data_set.normalization,
         training,
-        validation,
+        data_set.validation,
         ensemble.batch_size,
         derive(settings.seed, "order"),
         data_streams=ensemble.members,
         cross_fit=ensemble.cross_fit,
+        augmentation=data_set.augmentation,
     )
     torch.manual_seed(torch_seed(settings.seed))
-    model = RnnEnsemble(normalization, RnnEnsembleSettings(ensemble))
+    model = RnnEnsemble(data_set.normalization, RnnEnsembleSettings(ensemble))
     options = FitOptions(
         settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
     )

@@ -12,6 +12,7 @@ from study.common.arrays import Floats
 from study.common.seeds import spawn
 from study.data.normalization import Normalization
 from study.data.trajectories import ScenarioSet, Trajectories
+from study.training.augmentation import Augmentation, AugmentedTrajectories
 
 Batch = dict[str, Tensor]
 
@@ -72,6 +73,9 @@ class ShuffledBatches(Sampler[Tensor]):
 class TrajectoryDataModule(L.LightningDataModule):
     """Batches for one model.
 
+    With symmetries, the module keeps the trajectories in SI units. Every trajectory of every batch
+    is transformed anew, together with its `members`, and then normalised.
+
     A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, for a residual model,
     ``members`` [B, M, T, D], the ensemble's forecasts. All are normalised. With data streams for
     networks that are trained in parallel, each tensor has a leading axis of streams.
@@ -88,6 +92,7 @@ class TrajectoryDataModule(L.LightningDataModule):
         data_streams: number of data streams; None for one, without its axis.
         members: the ensemble's forecasts [N, M, T, D] of the training trajectories in SI units.
         cross_fit: each data stream leaves out its fold.
+        augmentation: the symmetries of the training trajectories; None for none.
     """
 
     def __init__(
@@ -100,15 +105,20 @@ class TrajectoryDataModule(L.LightningDataModule):
         data_streams: int | None = None,
         members: Floats | None = None,
         cross_fit: bool = False,
+        augmentation: Augmentation | None = None,
     ) -> None:
         super().__init__()
-        tensors = {
-            "states": normalization.normalize_states(training.states),
-            "actions": normalization.normalize_actions(training.actions),
-        }
-        if members is not None:
-            tensors["members"] = normalization.normalize_states(members)
-        self.training = InMemory(tensors)
+        self.training: InMemory | AugmentedTrajectories
+        if augmentation is not None:
+            self.training = AugmentedTrajectories(augmentation, normalization, training, members)
+        else:
+            tensors = {
+                "states": normalization.normalize_states(training.states),
+                "actions": normalization.normalize_actions(training.actions),
+            }
+            if members is not None:
+                tensors["members"] = normalization.normalize_states(members)
+            self.training = InMemory(tensors)
         self.validation = InMemory(
             {
                 "s0": torch.from_numpy(validation.s0),
@@ -119,6 +129,15 @@ class TrajectoryDataModule(L.LightningDataModule):
         seeds = [int(s % np.uint64(2**63)) for s in spawn(seed, data_streams or 1)]
         one_stream = data_streams is None
         self.sampler = ShuffledBatches(len(training), batch_size, seeds, one_stream, cross_fit)
+
+    def training_states(self) -> Tensor:
+        """The training states [N, T+1, D], normalised.
+
+        With symmetries, N counts the transformed copies of each trajectory.
+        """
+        if isinstance(self.training, AugmentedTrajectories):
+            return self.training.orbit_states()
+        return self.training.tensors["states"]
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Endless batches; the trainer stops after `FitOptions.steps` steps, or early."""

@@ -87,7 +87,7 @@ def fit(
         the validation score of the weights; NaN if there was no validation.
     """
     L.seed_everything(torch_seed(options.seed), verbose=False)
-    model.on_training_data(data.training.tensors["states"])
+    model.on_training_data(data.training_states())
     checkpoints = out / "checkpoint"
     shutil.rmtree(checkpoints, ignore_errors=True)
     best = ModelCheckpoint(checkpoints, monitor="validation_score", save_weights_only=True)

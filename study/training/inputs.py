@@ -18,6 +18,7 @@ from study.data.trajectories import ScenarioSet, Trajectories
 from study.models import Model, models
 from study.models.checkpoints import build, load_model
 from study.models.rnn_ensemble import RnnEnsemble
+from study.training.augmentation import Augmentation
 from study.training.data_module import TrajectoryDataModule
 from study.training.validation import ForecastScore
 
@@ -61,35 +62,57 @@ def prepare(
     Raises:
         StudyError: a file of `inputs` is missing or damaged.
     """
-    training, validation, normalization = training_data(settings.training, inputs["data"])
     model_class = models[settings.model]
     model_settings = from_json(model_class.settings_class, settings.model_settings)
+    data_set = training_data(
+        settings.training, inputs["data"], model_settings.train.symmetries, settings.seed
+    )
     ensemble = members = None
     if model_class.uses_ensemble:
         ensemble, members = load_ensemble(inputs["ensemble"]), load_members(inputs["ensemble"])
     torch.manual_seed(torch_seed(settings.seed))
-    model = build(settings.model, normalization, model_settings, beta, ensemble)
+    model = build(settings.model, data_set.normalization, model_settings, beta, ensemble)
     data = TrajectoryDataModule(
-        normalization,
-        training,
-        validation[:scenarios],
+        data_set.normalization,
+        data_set.training,
+        data_set.validation[:scenarios],
         model_settings.train.batch_size,
         derive(settings.seed, "order"),
         data_streams=model.data_streams,
         members=members,
+        augmentation=data_set.augmentation,
     )
     kernel, seed = Kernel.load(inputs["data"]), derive(settings.seed, "validation")
     return FitInputs(model, data, model_settings.train, ForecastScore(kernel, samples, seed))
 
 
+@dataclass(frozen=True)
+class TrainingData:
+    """The data of a fit.
+
+    Attributes:
+        training: the selected training trajectories.
+        validation: the validation scenarios.
+        normalization: the units; with symmetries, those of the transformed trajectories.
+        augmentation: the symmetries of the training trajectories; None if none are applied.
+    """
+
+    training: Trajectories
+    validation: ScenarioSet
+    normalization: Normalization
+    augmentation: Augmentation | None
+
+
 def training_data(
-    selection: TrainingSet, folder: Path
-) -> tuple[Trajectories, ScenarioSet, Normalization]:
-    """The selected training trajectories, the validation scenarios, and the normalisation.
+    selection: TrainingSet, folder: Path, symmetries: str = "none", seed: int = 0
+) -> TrainingData:
+    """The training data in a folder of the stage collect.
 
     Args:
         selection: a range of the training trajectories.
         folder: of the stage collect.
+        symmetries: see `Train.symmetries`.
+        seed: of the fit.
 
     Raises:
         StudyError: a file is missing or damaged.
@@ -97,7 +120,10 @@ def training_data(
     first, end = selection.first, selection.first + selection.trajectories
     training = Trajectories.load(folder / "train.safetensors")[first:end]
     validation = ScenarioSet.load(folder / "validation.safetensors")
-    return training, validation, Normalization.from_trajectories(training)
+    augmentation = Augmentation.of(symmetries, training.facts, seed)
+    group = None if augmentation is None else augmentation.group
+    normalization = Normalization.from_trajectories(training, group)
+    return TrainingData(training, validation, normalization, augmentation)
 
 
 def load_ensemble(folder: Path) -> RnnEnsemble:

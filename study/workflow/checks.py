@@ -46,6 +46,7 @@ def _check_model(fit: Mapping[str, Any], data: Path) -> None:
 
     model = models[fit["model"]]
     if not model.__module__.startswith("study.models."):
-        training, _, normalization = training_data(from_json(TrainingSet, fit["training"]), data)
+        data_set = training_data(from_json(TrainingSet, fit["training"]), data)
+        training, normalization = data_set.training, data_set.normalization
         settings = from_json(model.settings_class, fit["model_settings"])
         check_model(model, inputs=Inputs(training[:TRAJECTORIES], normalization, settings))

@@ -53,7 +53,7 @@ def test_level_high_is_a_part_of_low(smoke: tuple[Path, Done]) -> None:
         cell = Cell("pusher", level, model, seed)
         task = pipeline.ensemble(cell) if model == "ensemble" else pipeline.train(cell)
         return _rows(
-            training_data(from_json(TrainingSet, task.settings["training"]), data)[0].states
+            training_data(from_json(TrainingSet, task.settings["training"]), data).training.states
         )
 
     tenths = []
