@@ -112,7 +112,7 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
     Returns:
         the error of every task that failed or was not run.
     """
-    from study.models.gru import compiler
+    from study.models.unroll import compiler
 
     stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
     parallel = min(workers(engine), len(due))

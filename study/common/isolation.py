@@ -35,7 +35,7 @@ Python           ``PYTHONWARNINGS``, ``-W``                          as without
 
 Kept are variables that say where something is or which hardware is used (``HOME``, ``TMPDIR``,
 ``XDG_*``, ``MPLCONFIGDIR``, ``CUDA_VISIBLE_DEVICES``, ``CC``), and ``STUDY_COMPILED``, the study's
-own (`study.models.gru.compiler`).
+own (`study.models.unroll.compiler`).
 """
 
 import io

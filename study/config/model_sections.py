@@ -9,6 +9,19 @@ from study.common.errors import BadInput
 from study.config.sections import section, setting
 
 
+@section("network")
+@dataclass(frozen=True)
+class Network:
+    """The dynamics network of every model: see `study/models/networks/dynamics.py`.
+
+    Args:
+        features: products of the inputs, the sine and cosine of headings, and residual layers
+            (`product`); or the inputs alone, as the paper's text reads (`none`).
+    """
+
+    features: str = setting("product", choices=("product", "none"))
+
+
 @section("vae")
 @dataclass(frozen=True)
 class Vae:

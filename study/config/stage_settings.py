@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from study.config.model_sections import Network
 from study.config.settings import Collect, Ensemble, Evaluate, Tune
 
 
@@ -63,6 +64,7 @@ class EnsembleSettings:
     training: TrainingSet
     seed: int
     ensemble: Ensemble
+    network: Network
 
 
 @dataclass(frozen=True)

@@ -184,6 +184,14 @@ class Model(L.LightningModule, Generic[S]):
         """Whether the optimiser's moment estimates are discarded before this step."""
         return False
 
+    def diagnostics(self, batch: dict[str, Tensor]) -> dict[str, float]:
+        """Numbers about the fitted model, which the stage train writes to ``fit.json``.
+
+        Args:
+            batch: observed validation trajectories, with the entries of a batch of `losses`.
+        """
+        return {}
+
     @torch.no_grad()
     def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
         """See `Forecaster.forecast`."""

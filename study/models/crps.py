@@ -25,12 +25,13 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
-from study.config.model_sections import Crps
+from study.config.model_sections import Crps, Network
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
+from study.models.networks.dynamics import Architecture
+from study.models.networks.generator import GeneratorDynamics
 from study.models.networks.likelihood import weighted_log_score
-from study.models.networks.transition import TransitionDecoder
 from study.models.sampling import repeat_samples
 
 MIN_SCORE = 1e-6
@@ -80,6 +81,7 @@ class CrpsSettings:
     """Settings of a CRPS model."""
 
     crps: Crps
+    network: Network
     train: Train
 
 
@@ -99,11 +101,17 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         super().__init__(normalization, settings)
         crps = settings.crps
         self.noise_size = crps.noise_size
-        self.decoder = TransitionDecoder(
+        inputs = self.condition_size() + 2 * self.state_size + crps.persistent_noise_size
+        architecture = Architecture(
+            inputs=inputs,
+            width=crps.hidden_size,
+            memory=False,
+            product=settings.network.features == "product",
+        )
+        self.decoder = GeneratorDynamics(
             normalization,
-            self.condition_size(),
-            crps.hidden_size,
-            crps.noise_size,
+            architecture,
+            crps.noise_size - crps.persistent_noise_size,
             crps.persistent_noise_size,
         )
 
@@ -180,7 +188,9 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         condition = self.condition(baseline, actions[row, t][:, None])[:, 0]
         baseline_change = baseline[:, 1] - baseline[:, 0]
         state, s0 = states[row, t], states[row, 0]
-        mean, factor = self.decoder.transition(state, baseline_change, condition, s0)
+        persistent = s0.new_zeros(len(s0), self.settings.crps.persistent_noise_size)
+        inputs = torch.cat([baseline_change / scale, condition, persistent, s0], -1)
+        mean, factor = (values[0] for values in self.decoder.transition(state[None], inputs[None]))
         error = (states[row, t + 1] - state - baseline_change) / scale - mean
         score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
         # A large variance can lower the score of a large error, but not its squared error.
@@ -238,8 +248,17 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         samples, persistent_size = member.shape[1], self.settings.crps.persistent_noise_size
         baseline, condition = self.select(baselines, actions, member)
         persistent = noise[:, :, :1, :persistent_size].expand(-1, -1, noise.shape[2], -1)
-        noise = torch.cat([persistent, noise[..., persistent_size:]], dim=-1).flatten(0, 1)
-        forecasts = self.decoder(repeat_samples(s0, samples), baseline, condition, noise)
+        start = repeat_samples(s0, samples)
+        change = baseline[:, 1:] - baseline[:, :-1]
+        inputs = [
+            change / self.delta_std,
+            condition,
+            persistent.flatten(0, 1),
+            start[:, None].expand(-1, change.shape[1], -1),
+        ]
+        normal = noise[..., persistent_size:].flatten(0, 1)
+        rows = (start, torch.cat(inputs, -1), change, normal)
+        forecasts = self.decoder.generate(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
 
 

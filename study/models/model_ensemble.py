@@ -105,6 +105,14 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
         means = {name: values.mean() for name, values in stacked.items() if name != "loss"}
         return {"loss": stacked["loss"].sum()} | curves | means
 
+    def diagnostics(self, batch: dict[str, Tensor]) -> dict[str, float]:
+        """See `Model.diagnostics`: the mean over the members."""
+        by_member = [member.diagnostics(batch) for member in self.member_models()]
+        return {
+            name: sum(values[name] for values in by_member) / len(by_member)
+            for name in by_member[0]
+        }
+
     def configure_gradient_clipping(
         self,
         optimizer: Any,

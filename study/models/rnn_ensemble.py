@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from study.config.model_sections import Network
 from study.config.settings import Ensemble, Train
 from study.data.normalization import Normalization
 from study.models.base import Model
+from study.models.networks.dynamics import Architecture, DynamicsNetwork
 from study.models.networks.likelihood import optimal_variance_nll
-from study.models.networks.rnn import StackedRnn
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class RnnEnsembleSettings:
     """Settings of the ensemble."""
 
     ensemble: Ensemble
+    network: Network = Network()
 
     @property
     def train(self) -> Train:
@@ -47,7 +49,14 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         super().__init__(normalization, settings)
         count, hidden_size = settings.ensemble.members, settings.ensemble.hidden_size
         self.data_streams = count
-        self.members = StackedRnn(count, self.delta_std, self.action_size, hidden_size)
+        architecture = Architecture(
+            inputs=self.action_size,
+            width=hidden_size,
+            memory=True,
+            product=settings.network.features == "product",
+            networks=count,
+        )
+        self.members = DynamicsNetwork(normalization, architecture)
 
     def members_count(self) -> int:
         """M."""
@@ -61,8 +70,19 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
             actions: a_{0:T-1} [B, T, A].
         """
         count = self.members_count()
-        forecasts = self.members(s0.expand(count, *s0.shape), actions.expand(count, *actions.shape))
-        return torch.movedim(forecasts, 0, 1)
+        s0, actions = s0.expand(count, *s0.shape), actions.expand(count, *actions.shape)
+        return torch.movedim(self.rollout(s0, actions), 0, 1)
+
+    def rollout(self, s0: Tensor, actions: Tensor) -> Tensor:
+        """ŷ_m [M, B, T, D] from s_0 [M, B, D] and actions [M, B, T, A] of each member."""
+        hidden = self.members.start(s0, s0[..., :0])
+        offset = s0.new_zeros(*actions.shape[:-1], self.state_size)
+        return self.members.rollout(s0, actions, offset, hidden)[0]
+
+    def on_training_data(self, states: Tensor) -> None:
+        """See `Model.on_training_data`: the members store the range of the training states."""
+        super().on_training_data(states)
+        self.members.set_range(states)
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: sample k of a scenario is the forecast of member[k]."""
@@ -79,7 +99,12 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         states, actions, options = batch["states"], batch["actions"], self.settings.ensemble
         s0, truth = states[:, :, 0], states[:, :, 1:]
         teacher_forced = self.global_step < options.teacher_forcing_fraction * options.steps
-        forecasts = self.members(s0, actions, states[:, :, :-1] if teacher_forced else None)
+        if teacher_forced:
+            hidden = self.members.start(s0, s0[..., :0])
+            offset = torch.zeros_like(truth)
+            forecasts, _ = self.members.mean(states[:, :, :-1], actions, offset, hidden)
+        else:
+            forecasts = self.rollout(s0, actions)
         losses = optimal_variance_nll((forecasts - truth).square().mean((1, 2))).mean(-1)
         self.log_curves({f"loss/member_{index}": loss for index, loss in enumerate(losses)})
         # Members share no parameter: the gradient of the sum is each member's own gradient.

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from study.common.provenance import versions
-from study.models.gru import compiler
+from study.models.unroll import compiler
 
 PLAIN = "none: recurrent networks run in plain torch"
 

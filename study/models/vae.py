@@ -5,18 +5,17 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from study.config.model_sections import Vae
+from study.config.model_sections import Network, Vae
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
-from study.models.networks.cvae import RecurrentCvae
+from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
+from study.models.networks.dynamics import Architecture
+from study.models.posterior import posterior_statistics
 from study.models.sampling import repeat_samples
 
 TEACHER_FORCING_FRACTION = 0.3
 """With `vae.teacher_forcing` at `scheduled`, the fraction of steps that are teacher forced."""
-
-VARIANCE_RATE = 0.05
-"""Weight of the last batch in the running mean σ²."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,7 @@ class VaeSettings:
     """Settings of a VAE."""
 
     vae: Vae
+    network: Network
     train: Train
 
 
@@ -44,19 +44,34 @@ class VaeModel(BaselineModel[VaeSettings]):
         self.beta = beta
         self.samples_output = vae.decoder_output == "sample"
         self.noise_size = vae.latent_size + (self.state_size if self.samples_output else 0)
-        delta_target = vae.target == "delta"
+        architecture = Architecture(
+            inputs=self.condition_size() + vae.latent_size,
+            width=vae.hidden_size,
+            memory=True,
+            start=self.condition_size(),
+            product=settings.network.features == "product",
+            delta=vae.target == "delta",
+        )
         self.cvae = RecurrentCvae(
-            self.delta_std if delta_target else torch.ones_like(self.delta_std),
-            self.condition_size(),
-            vae.hidden_size,
+            normalization,
+            architecture,
             vae.latent_size,
-            delta_target=delta_target,
             homoscedastic=vae.variance == "homoscedastic",
             uses_target=vae.encoder == "target",
         )
 
+    def on_training_data(self, states: Tensor) -> None:
+        """See `Model.on_training_data`: the decoder stores the range of the training states."""
+        super().on_training_data(states)
+        self.cvae.decoder.set_range(states)
+
     def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
-        """See `Model.losses`: one batch of Algorithm 1."""
+        """See `Model.losses`: one batch of Algorithm 1, with the loss of equation (12).
+
+            −E_q[log p_θ(s_{t+1} | ε̂_{t+1} + ŝ^m_{t+1})] + β KL[q_φ(z_t | ·) ‖ p(z_t)]
+
+        averaged over the batch and over t. The likelihood is weighted: see `heteroscedastic_nll`.
+        """
         states, actions = batch["states"], batch["actions"]
         s0, truth = states[:, 0], states[:, 1:]
         baselines = self.baselines(s0, actions, batch.get("members"))
@@ -67,12 +82,15 @@ class VaeModel(BaselineModel[VaeSettings]):
         latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)  # z_t ~ q_φ(z_t | ·)
         history = states[:, :-1] if self.is_teacher_forced(step) else None
         # ŷ_pred = ε̂_alea + ŷ_m, section III-B
-        prediction, log_std = self.cvae.decoder(s0, baseline, condition, latent, history)
-        loss, nll, divergence, variance = self.cvae.loss(
-            truth - prediction, log_std, mean, log_variance, self.beta
-        )
-        self.cvae.decoder.update_variance(variance, max(VARIANCE_RATE, 1 / (step + 1)))
+        prediction, log_std = self.cvae.decode(s0, baseline, condition, latent, history)
+        nll = self.cvae.decoder.nll(truth - prediction, log_std, step)
+        divergence = kl_from_standard_normal(mean, log_variance).mean()
+        loss = nll + self.beta * divergence
         return {"loss": loss, "loss/negative_log_likelihood": nll, "loss/kl": divergence}
+
+    def diagnostics(self, batch: dict[str, Tensor]) -> dict[str, float]:
+        """See `Model.diagnostics`: whether the latent variable is used."""
+        return posterior_statistics(self, batch)
 
     def sample_training_members(self, count: int, members: int, device: torch.device) -> Tensor:
         """m ~ U{0 … M−1} of each trajectory of a batch, [B] (Algorithm 1, line 4).
@@ -115,12 +133,11 @@ class VaeModel(BaselineModel[VaeSettings]):
         latent_size = self.settings.vae.latent_size
         latent, normal = noise.flatten(0, 1).tensor_split([latent_size], dim=-1)
         inputs = (repeat_samples(s0, samples), baseline, condition, latent)
-        decoder = self.cvae.decoder
         if self.samples_output and self.settings.vae.teacher_forcing == "always":
-            forecasts = decoder.sample(*inputs, normal)
+            forecasts = self.cvae.sample(*inputs, normal)
         else:
-            forecasts, log_std = decoder(*inputs)
+            forecasts, log_std = self.cvae.decode(*inputs)
             if self.samples_output:
-                std = decoder.variance.sqrt() * torch.exp(log_std)
+                std = self.cvae.decoder.variance.sqrt() * torch.exp(log_std)
                 forecasts = forecasts + std * normal
         return forecasts.unflatten(0, (-1, samples))

@@ -42,7 +42,7 @@ def run(
         augmentation=data_set.augmentation,
     )
     torch.manual_seed(torch_seed(settings.seed))
-    model = RnnEnsemble(data_set.normalization, RnnEnsembleSettings(ensemble))
+    model = RnnEnsemble(data_set.normalization, RnnEnsembleSettings(ensemble, settings.network))
     options = FitOptions(
         settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
     )

@@ -55,7 +55,10 @@ class Pipeline:
         """The M recurrent networks of one environment, level and seed."""
         label = f"{cell.environment}/{cell.level}/seed-{cell.seed}"
         settings = EnsembleSettings(
-            self._training_set(cell), derive(label, "ensemble"), self.config.ensemble
+            self._training_set(cell),
+            derive(label, "ensemble"),
+            self.config.ensemble,
+            self.config.section("network"),
         )
         return self._task("ensemble", label, settings, data=self.collect(cell.environment))
 

@@ -10,9 +10,10 @@ Both VAEs of the paper use this network. It generates a *target* x that is added
 import torch
 from torch import Tensor, nn
 
-from study.models.gru.recurrence import gru
-from study.models.networks.decoder import GaussianDecoder
-from study.models.networks.likelihood import heteroscedastic_nll
+from study.data.normalization import Normalization
+from study.models.networks.dynamics import Architecture
+from study.models.networks.gaussian import GaussianDynamics
+from study.models.unroll.unroll import gru
 
 
 class RecurrentCvae(nn.Module):
@@ -23,39 +24,38 @@ class RecurrentCvae(nn.Module):
         h_{t+1} = GRU([x_{t+1}, s_t, c_t], h_t),   h_0 = 0
         [μ_t, log ν_t] = h_{t+1} W + b,            q_φ(z_t | ·) = N(μ_t, ν_t)
 
+    The decoder is a `GaussianDynamics` with memory. Its inputs are [c_t, z_t], and its offset is
+    the baseline b_{t+1}, or the baseline's change where the target is a change.
+
     Encoder and decoder are causal: their outputs at step t do not depend on a later state,
     condition or latent variable. The only exception is the encoder's input x_{t+1}.
 
     Args:
-        output_scale: the unit of the decoder's output in each dimension, [D].
-        condition_size: C.
-        hidden_size: H of both GRUs.
+        normalization: see `DynamicsNetwork`.
+        architecture: of the decoder; its inputs are [c_t, z_t].
         latent_size: Z.
-        delta_target: see `GaussianDecoder`.
-        homoscedastic: see `GaussianDecoder`.
+        homoscedastic: see `GaussianDynamics`.
         uses_target: whether the target x_{t+1} is an input of the encoder.
     """
 
     def __init__(
         self,
-        output_scale: Tensor,
-        condition_size: int,
-        hidden_size: int,
+        normalization: Normalization,
+        architecture: Architecture,
         latent_size: int,
-        delta_target: bool = False,
         homoscedastic: bool = False,
         uses_target: bool = True,
     ) -> None:
         super().__init__()
-        state_size = len(output_scale)
-        self.uses_target = uses_target
-        input_size = state_size * (2 if uses_target else 1) + condition_size
+        self.uses_target, self.delta = uses_target, architecture.delta
+        self.decoder = GaussianDynamics(normalization, architecture, homoscedastic)
+        states, condition_size = self.decoder.size, architecture.inputs - latent_size
+        input_size = states * (2 if uses_target else 1) + condition_size
+        hidden_size = architecture.memory_size
         self.encoder_gates_of_input = nn.Linear(input_size, 3 * hidden_size)
-        self.encoder_gates_of_hidden = nn.Linear(hidden_size, 3 * hidden_size)
+        self.encoder_gates_of_hidden = nn.Linear(hidden_size, 3 * hidden_size, bias=False)
+        self.encoder_bias = nn.Parameter(torch.zeros(hidden_size))
         self.posterior = nn.Linear(hidden_size, 2 * latent_size)
-        self.decoder = GaussianDecoder(
-            output_scale, condition_size, hidden_size, latent_size, delta_target, homoscedastic
-        )
 
     def encode(self, target: Tensor, states: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """Mean μ and log variance log ν of q_φ(z_t | ·), each [B, T, Z].
@@ -66,36 +66,58 @@ class RecurrentCvae(nn.Module):
             condition: c_{0:T-1} [B, T, C].
         """
         inputs = [target, states, condition] if self.uses_target else [states, condition]
-        input_gates, hidden_gates = self.encoder_gates_of_input, self.encoder_gates_of_hidden
-        initial = target.new_zeros(len(target), hidden_gates.in_features)
-        bias = torch.stack([input_gates.bias, hidden_gates.bias])
-        weight_ih, weight_hh = input_gates.weight.T, hidden_gates.weight.T
-        hiddens = gru(torch.cat(inputs, -1), initial, weight_ih, weight_hh, bias)
+        gates = self.encoder_gates_of_input(torch.cat(inputs, -1))
+        initial = target.new_zeros(1, len(target), len(self.encoder_bias))
+        weight = self.encoder_gates_of_hidden.weight.T
+        hiddens = gru(gates[None], initial, weight[None], self.encoder_bias[None])[0]
         mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
-    def loss(
-        self, error: Tensor, log_std: Tensor, mean: Tensor, log_variance: Tensor, beta: float
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Equation (12), averaged over the batch and over t, and its two terms.
-
-            l_t = −E_q[log p_θ(s_{t+1} | ε̂_{t+1} + ŝ^m_{t+1})] + β KL[q_φ(z_t | ·) ‖ p(z_t)]
-
-        The likelihood is weighted: see `heteroscedastic_nll`.
+    def decode(
+        self,
+        s0: Tensor,
+        baseline: Tensor,
+        condition: Tensor,
+        latent: Tensor,
+        truth: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """The means ŝ_{1:T} and the log standard deviations w_{1:T}, relative to σ: [B, T, D] each.
 
         Args:
-            error: s_{1:T} − ŝ_{1:T} [B, T, D].
-            log_std: w_{1:T} [B, T, D].
-            mean, log_variance: of q_φ, [B, T, Z].
-            beta: β.
-
-        Returns:
-            loss, negative log-likelihood and KL divergence, scalars, and σ² of the batch [D].
+            s0: [B, D].
+            baseline: b_{0:T} [B, T+1, D].
+            condition: c_{0:T-1} [B, T, C].
+            latent: z_{0:T-1} [B, T, Z].
+            truth: s_{0:T-1} [B, T, D], the state history with teacher forcing. If None, the state
+                history is the decoder's own means.
         """
-        nll_by_dimension, variance = heteroscedastic_nll(error, log_std)
-        nll = nll_by_dimension.sum()
-        divergence = kl_from_standard_normal(mean, log_variance).mean()
-        return nll + beta * divergence, nll, divergence, variance
+        start, inputs, offset, hidden = self._inputs(s0, baseline, condition, latent)
+        if truth is None:
+            mean, log_std = self.decoder.predict_rollout(start, inputs, offset, hidden)
+        else:
+            mean, log_std = self.decoder.predict(truth[None], inputs, offset, hidden)
+        return mean[0], log_std[0]
+
+    def sample(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor, normal: Tensor
+    ) -> Tensor:
+        """Sampled states s_{1:T} [B, T, D]. Each state is sampled from p_θ and fed back.
+
+        Args:
+            s0, baseline, condition, latent: see `decode`.
+            normal: standard normal numbers [B, T, D].
+        """
+        start, inputs, offset, hidden = self._inputs(s0, baseline, condition, latent)
+        return self.decoder.sample_rollout(start, inputs, offset, normal[None], hidden)[0]
+
+    def _inputs(
+        self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """s_0, the decoder's inputs, the offset and h_0, with a leading axis of one network."""
+        hidden = self.decoder.start(s0[None], condition[None, :, 0])
+        # ŝ = x̂ + b, so a change of x̂ needs the change of b as well.
+        offset = baseline[:, 1:] - baseline[:, :-1] if self.delta else baseline[:, 1:]
+        return s0[None], torch.cat([condition, latent], -1)[None], offset[None], hidden
 
 
 def kl_from_standard_normal(mean: Tensor, log_variance: Tensor) -> Tensor:

@@ -44,7 +44,9 @@ def optimal_variance_nll(squared_error: Tensor) -> Tensor:
     return gaussian_nll(torch.ones_like(log_variance), log_variance)
 
 
-def heteroscedastic_nll(error: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]:
+def heteroscedastic_nll(
+    error: Tensor, log_std: Tensor, weighted: bool = True
+) -> tuple[Tensor, Tensor]:
     """The β-NLL of errors with standard deviation σ e^w, at the optimal σ of the batch.
 
         E[e^w (½ (s − ŝ)² / (σ² e^2w) + w + log σ + ½ log 2π)] / E e^w,   σ² = E[(s − ŝ)² / e^2w]
@@ -55,16 +57,20 @@ def heteroscedastic_nll(error: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]
     those of `optimal_variance_nll`.
 
     Args:
-        error: s − ŝ [B, T, D].
-        log_std: w [B, T, D].
+        error: s − ŝ [..., D].
+        log_std: w [..., D].
+        weighted: whether there are weights; if not, it is the negative log-likelihood.
 
     Returns:
         the loss and σ² of each dimension, [D] each.
     """
+    rows = tuple(range(error.dim() - 1))
     squares = (error * torch.exp(-log_std)).square()
-    variance = squares.detach().mean((0, 1)).clamp(min=MIN_VARIANCE)
+    variance = squares.detach().mean(rows).clamp(min=MIN_VARIANCE)
     nll = gaussian_nll(squares / variance, variance.log()) + log_std
-    return (beta_nll_weights(log_std) * nll).mean((0, 1)), variance
+    if weighted:
+        nll = normalized_weights(torch.exp(log_std)) * nll
+    return nll.mean(rows), variance
 
 
 def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
@@ -85,11 +91,6 @@ def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
     std = variance.sqrt()
     weight = normalized_weights(std**STD_POWER)
     return (weight * (0.5 * error.square() / variance + std.log())).mean()
-
-
-def beta_nll_weights(log_std: Tensor) -> Tensor:
-    """e^w / E e^w in each dimension, without gradient: [..., D] from w [..., D]."""
-    return normalized_weights(torch.exp(log_std))
 
 
 def normalized_weights(weights: Tensor) -> Tensor:
