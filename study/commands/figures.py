@@ -9,7 +9,8 @@ from study.results.folder import check_writable
 from study.workflow.lock import locked
 
 DETAILS = """\
-Reads scores.parquet, trials.parquet, study.json and illustrations/ of OUT, and trains nothing.
+Reads scores.parquet, trials.parquet, fits.parquet, study.json and illustrations/ of OUT, and trains
+nothing.
 Writes the verdicts on the claims, tables/, figures/ and their checksums in SHA256SUMS.
 
 examples
@@ -42,7 +43,9 @@ def run(options: Options) -> int:
     with locked(out):
         has_checksums = (out / checksums.NAME).is_file()
         if has_checksums:
-            for name in (summary.SCORES, summary.TRIALS):
+            # A study that was made before the study had the table of fits has none.
+            fits = [summary.FITS] if (out / summary.FITS).is_file() else []
+            for name in (summary.SCORES, summary.TRIALS, *fits):
                 checksums.check(out / name, out)
         try:
             summary.write_claims(pd.read_parquet(out / summary.SCORES), out)

@@ -15,6 +15,7 @@ NAME = "SHA256SUMS"
 FILES = (
     "claims.json",
     "claims.md",
+    "fits.parquet",
     "scores.parquet",
     "study.json",
     "timings.json",

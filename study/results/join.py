@@ -100,6 +100,7 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
                 [cell.name for cell in grid if cell.name in failed],
                 _read_rows(parts, summary.SCORES, grid),
                 _read_rows(parts, summary.TRIALS, grid),
+                _read_fits(parts, grid),
                 origin.join(part.origin for part in parts),
             ),
             out,
@@ -110,6 +111,12 @@ def _write(parts: Sequence[Results], config: Config, out: Path) -> None:
     checksums.write(out)
     if problem is not None:
         raise problem
+
+
+def _read_fits(parts: Sequence[Results], grid: Sequence[Cell]) -> pd.DataFrame:
+    """``fits.parquet`` of all parts. A study that was made before this file existed has no rows."""
+    parts = [part for part in parts if (part.out / summary.FITS).is_file()]
+    return _read_rows(parts, summary.FITS, grid) if parts else summary.fits_table([])
 
 
 def _read_rows(parts: Sequence[Results], name: str, grid: Sequence[Cell]) -> pd.DataFrame:

@@ -1,8 +1,8 @@
 """The files of a results folder about the whole study, written from the scores of its cells.
 
-These are ``study.json``, ``scores.parquet``, ``trials.parquet``, the verdicts on the claims,
-tables, figures, and ``recordings/study.rrd``. A cell that failed or has not run has no scores. The
-tables show which of the two it is.
+These are ``study.json``, ``scores.parquet``, ``trials.parquet``, ``fits.parquet``, the verdicts on
+the claims, tables, figures, and ``recordings/study.rrd``. A cell that failed or has not run has no
+scores. The tables show which of the two it is.
 """
 
 import json
@@ -32,8 +32,10 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import topological_order
 
-SCORES, TRIALS = "scores.parquet", "trials.parquet"
+SCORES, TRIALS, FITS = "scores.parquet", "trials.parquet", "fits.parquet"
 CLAIMS, VERDICTS = "claims.json", "claims.md"
+DIAGNOSTICS = ("beta", "validation_score", "kl", "active_units", "latent_share")
+"""The columns of ``fits.parquet`` beside those of the cell: numbers of ``fit.json``."""
 PLOTTED = ("tables", "figures")
 """Folders of the tables and figures."""
 DOCUMENTS = {
@@ -54,6 +56,7 @@ class Summary:
         failed: names of the cells without results because a stage failed.
         scores: of the complete cells in their order, in single precision.
         trials: of the searches for β of the complete cells.
+        fits: β, validation score and posterior statistics of the fitted models.
         origin: versions, device and source of the results.
     """
 
@@ -62,6 +65,7 @@ class Summary:
     failed: Sequence[str]
     scores: pd.DataFrame
     trials: pd.DataFrame
+    fits: pd.DataFrame
     origin: Origin
 
 
@@ -84,7 +88,8 @@ def collect(
     columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
     scores = single_precision(scores[[*columns, "value"]])
     origin = of_tasks(topological_order(complete.values()), store)
-    return Summary(config, list(complete), failed, scores, _trials(complete, store), origin)
+    trials, fits = _trials(complete, store), _fits(complete, store)
+    return Summary(config, list(complete), failed, scores, trials, fits, origin)
 
 
 def single_precision(scores: pd.DataFrame) -> pd.DataFrame:
@@ -104,6 +109,7 @@ def write(summary: Summary, out: Path) -> None:
     """
     _write_parquet(summary.scores, out / SCORES)
     _write_parquet(summary.trials, out / TRIALS)
+    _write_parquet(summary.fits, out / FITS)
     write_claims(summary.scores, out)
     write_json(
         out / STUDY,
@@ -171,6 +177,22 @@ def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
             ]
     columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
     return pd.DataFrame(rows, columns=[*columns, "chosen"])
+
+
+def _fits(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
+    """A table with a row for every fitted model. What a model does not have is NaN."""
+    rows = []
+    for cell, task in complete.items():
+        if "trained" in task.inputs:
+            fit = read_json(store.folder(task.inputs["trained"]) / "fit.json")
+            rows.append(asdict(cell) | {name: fit.get(name) for name in DIAGNOSTICS})
+    return fits_table(rows)
+
+
+def fits_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The table ``fits.parquet`` from its rows."""
+    table = pd.DataFrame(rows, columns=["environment", "level", "model", "seed", *DIAGNOSTICS])
+    return table.astype(dict.fromkeys(DIAGNOSTICS, np.float64))
 
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:

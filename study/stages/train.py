@@ -1,6 +1,7 @@
 """Stage train: fit one cell's model, with the β of the stage tune if the cell has that stage.
 
-Writes ``model.safetensors``, ``metrics.csv`` (training curves) and ``fit.json`` (β, best score).
+Writes ``model.safetensors``, ``metrics.csv`` (training curves) and ``fit.json`` (β, the validation
+score, and `Model.diagnostics` of the fitted model).
 """
 
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from study.common.progress import Progress
 from study.config.stage_settings import TrainSettings
 from study.models.checkpoints import save_model
 from study.training.fit import FitOptions, fit
-from study.training.inputs import prepare
+from study.training.inputs import prepare, validation_trajectories
 from study.training.validation import LogForecastScore
 
 
@@ -25,4 +26,5 @@ def run(settings: TrainSettings, inputs: Mapping[str, Path], out: Path, progress
     callbacks = [LogForecastScore(start.score)]
     score = fit(start.model, start.data, out, progress, options, callbacks)
     save_model(start.model, settings.model, out / "model.safetensors", beta)
-    write_json(out / "fit.json", {"beta": beta, "validation_score": score})
+    diagnostics = start.model.diagnostics(validation_trajectories(start.model, start.data))
+    write_json(out / "fit.json", {"beta": beta, "validation_score": score, **diagnostics})

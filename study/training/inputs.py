@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from study.common.arrays import Floats
 from study.common.seeds import derive, torch_seed
@@ -16,14 +17,18 @@ from study.data.normalization import Normalization
 from study.data.storage import load_arrays
 from study.data.trajectories import ScenarioSet, Trajectories
 from study.models import Model, models
-from study.models.checkpoints import build, load_model
+from study.models.checkpoints import build, fitted_ensemble, load_model
 from study.models.rnn_ensemble import RnnEnsemble
+from study.models.sampling import repeat_samples
 from study.training.augmentation import Augmentation
 from study.training.data_module import TrajectoryDataModule
 from study.training.validation import ForecastScore
 
 VALIDATION_SAMPLES = 16
 """Forecasts of each validation scenario during training."""
+
+VALIDATION_ROLLOUTS = 2
+"""Most observed rollouts of a validation scenario in `validation_trajectories`."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,33 @@ class TrainingData:
     validation: ScenarioSet
     normalization: Normalization
     augmentation: Augmentation | None
+
+
+def validation_trajectories(model: Model, data: TrajectoryDataModule) -> dict[str, Tensor]:
+    """Observed trajectories of the validation scenarios, as a training batch of `model`.
+
+    Args:
+        model: a fitted model.
+        data: its batches.
+
+    Returns:
+        The entries of a training batch, see `TrajectoryDataModule`. Each scenario has at most
+        `VALIDATION_ROLLOUTS` trajectories.
+    """
+    scenarios = data.validation.tensors
+    s0, actions = model.normalize(scenarios["s0"], scenarios["actions"])
+    observed = model.normalize_states(scenarios["observed"][:, :VALIDATION_ROLLOUTS])
+    rollouts = observed.shape[1]
+    start = s0[:, None, None].expand(-1, rollouts, 1, -1)
+    batch = {
+        "states": torch.cat([start, observed], dim=2).flatten(0, 1),
+        "actions": repeat_samples(actions, rollouts),
+    }
+    ensemble = fitted_ensemble(model)
+    if ensemble is not None:
+        with torch.no_grad():
+            batch["members"] = repeat_samples(ensemble(s0, actions), rollouts)
+    return batch
 
 
 def training_data(

@@ -1,0 +1,124 @@
+"""Whether a fitted VAE uses its latent variable: statistics of q_φ(z_t | ·) on observed data.
+
+In a *collapsed* posterior, q_φ(z_t | ·) is the prior N(0, I) for every input. Then z_t carries no
+information, and the decoder ignores z_t. The noise of a step is that of p_θ alone, so the VAE is a
+Gaussian model with memory.
+"""
+
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from study.models.networks.cvae import kl_from_standard_normal
+from study.models.sampling import repeat_samples
+
+if TYPE_CHECKING:
+    from study.models.vae import VaeModel
+
+ACTIVE_ABOVE = 0.01
+"""Variance of a component's posterior mean, above which the component is an active unit."""
+
+TRAJECTORIES, STEPS, SAMPLES = 64, 8, 16
+"""Sizes of the estimate of `latent_share`: at most so many trajectories, evenly spaced steps of
+each, and samples of z_t at each step."""
+
+
+@torch.no_grad()
+def posterior_statistics(model: "VaeModel", batch: dict[str, Tensor]) -> dict[str, float]:
+    """Statistics of the posterior of a fitted VAE.
+
+    Active units alone can mislead. The posterior mean may vary while the decoder ignores it. So
+    `latent_share` measures what the decoder does with z_t.
+
+    Args:
+        model: the VAE.
+        batch: observed trajectories, see `Model.diagnostics`.
+
+    Returns:
+        kl: E KL[q_φ(z_t | ·) ‖ N(0, I)], in nats a step.
+        active_units: the number of components with Var(E_q[z]) > 0.01 over trajectories and steps
+            (Burda, Grosse and Salakhutdinov, ICLR 2016).
+        latent_share: see `latent_share`.
+    """
+    states, actions = batch["states"], batch["actions"]
+    baselines = model.baselines(states[:, 0], actions, batch.get("members"))
+    # Every member in turn, so that the statistics need no random number.
+    member = torch.arange(len(states), device=states.device)[:, None] % baselines.shape[1]
+    baseline, condition = model.select(baselines, actions, member)
+    target = states[:, 1:] - baseline[:, 1:]
+    mean, log_variance = model.cvae.encode(target, states[:, :-1], condition)
+    share = latent_share(model, states, baseline, condition, mean, log_variance)
+    return {
+        "kl": float(kl_from_standard_normal(mean, log_variance).mean()),
+        "active_units": float((mean.flatten(0, 1).var(0) > ACTIVE_ABOVE).sum()),
+        "latent_share": share,
+    }
+
+
+def latent_share(
+    model: "VaeModel",
+    states: Tensor,
+    baseline: Tensor,
+    condition: Tensor,
+    mean: Tensor,
+    log_variance: Tensor,
+) -> float:
+    """The share of the one-step variance that comes from z_t, averaged over dimensions.
+
+        E Var_z[ŝ_{t+1}] / (E Var_z[ŝ_{t+1}] + E σ²_{t+1}),   z_t ~ N(0, I)
+
+    where σ² is the variance of p_θ, and the history is the same for all z_t: the observed states,
+    and z_{0:t-1} from q_φ. The share is 0 for a collapsed posterior. It is 1 if p_θ has no noise.
+
+    Args:
+        model: the VAE.
+        states: s_{0:T} [B, T+1, D].
+        baseline: b_{0:T} [B, T+1, D].
+        condition: c_{0:T-1} [B, T, C].
+        mean, log_variance: of q_φ(z_t | ·), [B, T, Z].
+    """
+    generator = torch.Generator().manual_seed(0)
+    normal = torch.randn(mean.shape, generator=generator).to(mean.device)
+    latent = mean + normal * torch.exp(0.5 * log_variance)
+    rows = torch.arange(0, len(states), -(-len(states) // TRAJECTORIES), device=states.device)
+    inputs = [
+        repeat_samples(values[rows], SAMPLES) for values in (states, baseline, condition, latent)
+    ]
+    from_latent, from_noise = torch.zeros(2, states.shape[-1], device=states.device)
+    horizon = mean.shape[1]
+    for step in sorted({int(t) for t in torch.linspace(0, horizon - 1, STEPS)}):
+        prior = torch.randn(len(inputs[0]), mean.shape[-1], generator=generator)
+        means, variances = one_step(model, step, *inputs, prior.to(mean.device))
+        from_latent += means.unflatten(0, (-1, SAMPLES)).var(1).mean(0)
+        from_noise += variances.mean(0)
+    return float((from_latent / (from_latent + from_noise)).mean())
+
+
+def one_step(
+    model: "VaeModel",
+    step: int,
+    states: Tensor,
+    baseline: Tensor,
+    condition: Tensor,
+    latent: Tensor,
+    latent_at_step: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Mean ŝ_{t+1} and variance σ²_{t+1} of p_θ for another z_t, [B, D] each.
+
+    The state history is that of the model's training: observed states, or its own predictions.
+
+    Args:
+        model: the VAE.
+        step: t.
+        states, baseline, condition: see `latent_share`.
+        latent: z_{0:T-1} [B, T, Z].
+        latent_at_step: z_t [B, Z].
+    """
+    latent = torch.cat([latent[:, :step], latent_at_step[:, None]], 1)
+    is_teacher_forced = model.is_teacher_forced(model.settings.train.steps)
+    history = states[:, : step + 1] if is_teacher_forced else None
+    means, log_std = model.cvae.decode(
+        states[:, 0], baseline[:, : step + 2], condition[:, : step + 1], latent, history
+    )
+    return means[:, -1], model.cvae.decoder.variance * torch.exp(2 * log_std[:, -1])

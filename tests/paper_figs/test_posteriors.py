@@ -1,0 +1,67 @@
+"""The table of the posteriors of the fitted VAEs."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from paper_figs import posteriors
+from study.common.errors import BadInput
+from study.common.files import write_json
+from study.config.names import FULL, MLP, RESIDUAL
+from study.results.summary import FITS, fits_table
+
+FIT = {"environment": "uav", "level": "high", "model": FULL, "seed": 0, "beta": 0.5}
+
+
+def write(folder: Path, *fits: dict[str, Any]) -> None:
+    fits_table(fits).to_parquet(folder / FITS)
+    write_json(folder / "study.json", {"settings": {"vae": {"latent_size": 8}}})
+
+
+def row(text: str, start: str) -> list[str]:
+    """The cells of the one row of a Markdown table that starts with `start`."""
+    lines = [line for line in text.splitlines() if line.startswith(start)]
+    assert len(lines) == 1
+    return [cell.strip() for cell in lines[0].strip("|").split("|")]
+
+
+def test_each_vae_has_a_row_that_says_whether_it_uses_its_latent_variable(tmp_path: Path) -> None:
+    used = {"kl": 1.25, "active_units": 3.0, "latent_share": 0.5}
+    collapsed = {"kl": 0.0999, "active_units": 0.0, "latent_share": 0.001}
+    write(
+        tmp_path,
+        FIT | collapsed,
+        FIT | {"model": MLP, "beta": None, "validation_score": 0.1},
+        FIT | used | {"model": RESIDUAL},
+        FIT | {"environment": "pusher", "level": "low", "active_units": 2.4} | {"kl": 7.0},
+    )
+    markdown, tex = posteriors.plot(tmp_path)
+    assert [markdown.name, tex.name] == ["posteriors.md", "posteriors.tex"]
+    text = markdown.read_text()
+    assert text.index("Pusher") < text.index("Residual VAE") < text.index("0.100")
+    assert "MLP" not in text
+    numbers = ["0", "0.5", "1.250", "3 of 8", "0.50", "used"]
+    assert row(text, "| UAV | high epistemic | Residual VAE")[3:] == numbers
+    assert row(text, "| UAV | high epistemic | Full VAE")[6:] == ["0 of 8", "0.00", "collapsed"]
+    assert row(text, "| Pusher")[6:] == ["2.4 of 8", "—", "used"]
+    assert "3 of 8 & 0.50 & used \\\\" in tex.read_text()
+
+
+def test_the_threshold() -> None:
+    assert posteriors.posterior(posteriors.COLLAPSED_BELOW) == "used"
+    assert posteriors.posterior(0.999 * posteriors.COLLAPSED_BELOW) == "collapsed"
+
+
+def test_results_without_fits_have_no_table_and_the_script_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert posteriors.plot(tmp_path) == []
+    write(tmp_path, FIT | {"model": MLP})
+    assert posteriors.plot(tmp_path) == []
+    arguments = [str(tmp_path)]
+    code = posteriors.command(posteriors.plot, "", arguments, missing=posteriors.MISSING)
+    assert (code, capsys.readouterr().out) == (0, posteriors.MISSING + "\n")
+    with pytest.raises(BadInput, match="no folder"):
+        posteriors.plot(tmp_path / "elsewhere")
