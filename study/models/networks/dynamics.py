@@ -176,24 +176,24 @@ class DynamicsNetwork(nn.Module):
         x, shape = torch.cat([f, inputs], -1), self.architecture
         p = None
         if shape.product:
-            u, v = self._apply(self.stem, x).chunk(2, -1)
+            u, v = self._linear(self.stem, x).chunk(2, -1)
             p = u * silu(v)
         elif shape.stem_size:
-            p = silu(self._apply(self.stem, x))
+            p = silu(self._linear(self.stem, x))
         top = p
         if shape.memory:
-            gates = self._apply(self.gates, x if p is None else torch.cat([x, p], -1))
+            gates = self._linear(self.gates, x if p is None else torch.cat([x, p], -1))
             assert hidden is not None
             top = gru(gates, hidden, self.gates_of_hidden.weight, self.hidden_bias[:, 0])
             if p is not None:
-                top = p + self._apply(self.mix, torch.cat([top, p], -1))
+                top = p + self._linear(self.mix, torch.cat([top, p], -1))
         assert top is not None
         for layer in self.layers:
-            top = top + silu(self._apply(layer, top))
-        output = self._apply(self.output, top)
+            top = top + silu(self._linear(layer, top))
+        output = self._linear(self.output, top)
         if shape.product:
             skip = x if skip_inputs is None else torch.cat([f, skip_inputs], -1)
-            output = output + self._apply(self.skip, skip)
+            output = output + self._linear(self.skip, skip)
         return output, top
 
     def start(self, s0: Tensor, start: Tensor) -> Tensor:
@@ -326,7 +326,7 @@ class DynamicsNetwork(nn.Module):
     def _stack(self, tensors: list[Tensor], empty: tuple[int, ...]) -> Tensor:
         return torch.stack(tensors, 1) if tensors else self._zeros(*empty)
 
-    def _apply(self, layer: nn.Module, values: Tensor) -> Tensor:
+    def _linear(self, layer: nn.Module, values: Tensor) -> Tensor:
         """A stacked layer on [M, ..., I]: one matrix product for all steps and trajectories."""
         rows = values.flatten(1, -2)
         result: Tensor = layer(rows)

@@ -81,8 +81,8 @@ class GeneratorDynamics(DynamicsNetwork):
             offset: [M, B, T, D].
             noise: z_{0:T-1} [M, B, T, Z].
         """
-        shift = self.unit * self._apply(self.noise_shift, noise)
-        gain = self._apply(self.noise_gain, noise)
+        shift = self.unit * self._linear(self.noise_shift, noise)
+        gain = self._linear(self.noise_gain, noise)
         return self.rollout(s0, inputs, offset + shift, gain=gain)[0]
 
     def _noise_output(self) -> Tensor:
