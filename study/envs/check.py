@@ -22,6 +22,7 @@ from study.common.contract import (
 )
 from study.common.registry import full_name
 from study.common.seeds import Seeds, spawn
+from study.envs.check_symmetries import check_symmetries
 from study.envs.registration import check_class
 from study.envs.simulator import Episode, Scenarios, Simulator
 
@@ -30,7 +31,7 @@ SCENARIOS = 8
 
 
 def check_simulator(simulator: type[Simulator], horizon: int | None = None) -> None:
-    """Check a class: attributes, shapes, types, seeds, causality, outcomes and scene.
+    """Check a class: attributes, shapes, types, seeds, causality, outcomes, scene and symmetries.
 
     Args:
         simulator: the class; it need not be registered.
@@ -87,6 +88,7 @@ class _Check:
         self.steps(scenarios, actions, states)
         self.outcomes(states, scenarios.goal)
         self.scene(states)
+        check_symmetries(self.simulator)
 
     def scenarios(self, seeds: Seeds) -> Scenarios:
         """`sample_scenarios`."""
