@@ -19,6 +19,7 @@ from study.envs.card.facts import Facts, measure, rows
 from study.envs.card.fans import PROBABILITIES, plot_fans, typical
 from study.envs.card.filmstrip import plot_filmstrip
 from study.envs.card.histogram import plot_histogram
+from study.envs.card.symmetries import symmetries
 from study.envs.check import check_foreign
 from study.envs.observe import observe_scenarios, real_system
 
@@ -90,7 +91,7 @@ The numbers are of the test scenarios of data seed {seed}, with all their rollou
 |---|---|
 {facts}
 
-{tables}
+{symmetries}{tables}
 """
 
 
@@ -228,6 +229,7 @@ def _section(simulator: Simulator, measured: Facts, seed: int) -> str:
         probabilities="{}, {} and {}".format(*PROBABILITIES),
         seed=seed,
         facts="\n".join(f"| {quantity} | {value} |" for quantity, value in rows(measured)),
+        symmetries=symmetries(simulator),
         tables=tables(simulator),
         **pictures,
     )
