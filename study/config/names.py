@@ -8,9 +8,17 @@ RESIDUAL, FULL, MLP = "residual_vae", "full_vae", "probabilistic_mlp"
 MODELS = (RESIDUAL, FULL, MLP)
 """The models of the paper."""
 RESIDUAL_CRPS, FULL_CRPS = "residual_crps", "full_crps"
+CRPS_ENSEMBLE = "full_crps_ensemble"
 RESIDUAL_ENSEMBLE, FULL_ENSEMBLE = "residual_vae_ensemble", "full_vae_ensemble"
 MLP_ENSEMBLE = "probabilistic_ensemble"
-BEYOND = (RESIDUAL_CRPS, FULL_CRPS, RESIDUAL_ENSEMBLE, FULL_ENSEMBLE, MLP_ENSEMBLE)
+BEYOND = (
+    RESIDUAL_CRPS,
+    FULL_CRPS,
+    CRPS_ENSEMBLE,
+    RESIDUAL_ENSEMBLE,
+    FULL_ENSEMBLE,
+    MLP_ENSEMBLE,
+)
 """Models beyond the paper, with † in their labels."""
 ORACLE, ENSEMBLE = "oracle", "ensemble"
 
@@ -24,6 +32,7 @@ LABELS = {
     MLP: "probabilistic MLP",
     RESIDUAL_CRPS: "residual CRPS†",
     FULL_CRPS: "full CRPS†",
+    CRPS_ENSEMBLE: "full CRPS ensemble†",
     RESIDUAL_ENSEMBLE: "residual VAE ensemble†",
     FULL_ENSEMBLE: "full VAE ensemble†",
     MLP_ENSEMBLE: "probabilistic ensemble†",

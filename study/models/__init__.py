@@ -2,6 +2,7 @@
 
 from study.models import (
     full_crps,
+    full_crps_ensemble,
     full_vae,
     full_vae_ensemble,
     probabilistic_ensemble,
@@ -17,6 +18,7 @@ __all__ = [
     "Model",
     "ModelSettings",
     "full_crps",
+    "full_crps_ensemble",
     "full_vae",
     "full_vae_ensemble",
     "models",

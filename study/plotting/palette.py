@@ -7,6 +7,7 @@ colour vision.
 from collections.abc import Iterable
 
 from study.config.names import (
+    CRPS_ENSEMBLE,
     ENSEMBLE,
     FULL,
     FULL_CRPS,
@@ -63,20 +64,21 @@ _MODELS = {
     MLP: "green",
     RESIDUAL_CRPS: "light blue",
     FULL_CRPS: "orange",
+    CRPS_ENSEMBLE: "brown",
     RESIDUAL_ENSEMBLE: "indigo",
     FULL_ENSEMBLE: "wine",
     MLP_ENSEMBLE: "olive",
     ENSEMBLE: "pink",
     ORACLE: "grey",
 }
-_OTHER_MODELS = ("teal", "purple", "sand", "brown")
+_OTHER_MODELS = ("teal", "purple", "sand")
 _SERIES = ("blue", "vermilion", "green", "pink", "light blue", "orange")
 
 
 def model_colour_names(models: Iterable[str]) -> dict[str, str]:
     """The names of the colours of the study's models and of `models`, by model.
 
-    Models from plugins take four further colours in turn, in alphabetical order.
+    Models from plugins take three further colours in turn, in alphabetical order.
     """
     unknown = sorted(set(models) - set(_MODELS))
     return _MODELS | {
