@@ -207,8 +207,8 @@ class DynamicsNetwork(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """ŝ_{t+1} of given states, and y: see `step`; offset [M, B, T, D]."""
         output, top = self.step(state, inputs, hidden)
-        kept = state if self.architecture.delta else 0.0
-        return kept + offset + self.unit * output, top
+        previous = state if self.architecture.delta else 0.0
+        return previous + offset + self.unit * output, top
 
     def rollout(
         self,
@@ -239,7 +239,7 @@ class DynamicsNetwork(nn.Module):
         values = (s0, inputs, offset, hidden, gain, noise)
         if torch.is_grad_enabled():
             return self._rollout(*values, return_tops)
-        count = -(-s0.shape[1] // MAX_ROWS)
+        count = max(1, -(-s0.shape[1] // MAX_ROWS))  # a batch may be empty
         blocks = [
             (None,) * count if value is None else value.split(MAX_ROWS, 1) for value in values
         ]

@@ -428,7 +428,7 @@ void backward(
     float *by_layer = zeros(L * W * WW), *by_output = zeros(D * WW), *by_noise = zeros(D * WW);
     float *g = zeros(ROWS * g_row), *hp = zeros(ROWS * hp_row), *grad_f = zeros(ROWS * FF);
     float *grad_h = zeros(ROWS * HH), *grad_s = zeros(ROWS * DD), *top = zeros(ROWS * WW);
-    float *q = zeros(ROWS * WW);
+    float *q = zeros(ROWS * WW), *u = zeros(padded(P)), *v = zeros(padded(P));
     long packed = -1;
     for (long index = first; index < last; index++) {
         const long m = index / blocks, row = index % blocks * ROWS;
@@ -505,7 +505,8 @@ void backward(
             }
             for (long i = 0; P && i < rows; i++) {
                 const float *step = tape + ((m * batch + row + i) * steps + t) * n.tape.size;
-                const float *u = step + n.tape.u, *v = step + n.tape.v;
+                copy(P, step + n.tape.u, u); /* a vector may reach past the end of the tape */
+                copy(P, step + n.tape.v, v);
                 const float *grad_p = hp + i * hp_row + H;
                 float *grad_u = q + i * WW, *row_g = g + i * g_row + n.gradients.stem;
                 for (long j = 0; j < P; j += LANES)
@@ -531,6 +532,6 @@ void backward(
         }
     }
     float *all[] = {by_state, by_stem, by_hidden, by_mix, by_layer, by_output, by_noise, g, hp,
-                    grad_f, grad_h, grad_s, top, q};
+                    grad_f, grad_h, grad_s, top, q, u, v};
     for (unsigned i = 0; i < sizeof all / sizeof *all; i++) free(all[i]);
 }

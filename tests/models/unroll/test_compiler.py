@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from study.models.gru import compiler
+from study.models.unroll import compiler
 
 SOURCE = "int seven(void) { return 7; }\n"
 
