@@ -9,17 +9,8 @@ import numpy as np
 
 from study.common.arrays import Doubles, Floats
 from study.common.seeds import Seeds
-from study.envs import (
-    Episode,
-    Mirror,
-    Policy,
-    Scenarios,
-    Shift,
-    Simulator,
-    Symmetries,
-    Variable,
-    register,
-)
+from study.data.symmetries import Mirror, Symmetries
+from study.envs import Episode, Policy, Scenarios, Simulator, Variable, register
 
 SCENE = """
 <mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -46,12 +37,8 @@ class Cart(Simulator):
     default_horizon = 20
     control_step = 0.1
     radius = 0.2  # The goal is reached within this distance of the target.
-    # Left and right are alike, and so are all parts of the track. Models may train on mirrored and
-    # shifted trajectories (`train.symmetries: all`).
-    symmetries = Symmetries(
-        mirror=Mirror(states=("x", "v"), actions=("force",), goal=("target",)),
-        shifts=(Shift(-1.0, 1.0, states=("x",), goal=("target",)),),
-    )
+    # Left and right are alike, so models may train on mirrored trajectories (`train.symmetries`).
+    symmetries = Symmetries(mirror=Mirror(states=("x", "v"), actions=("force",), goal=("target",)))
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         # A generator for each seed: a scenario must not depend on the other ones.

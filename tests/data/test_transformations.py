@@ -86,7 +86,7 @@ def test_forecasts_are_transformed_as_their_trajectory() -> None:
 def test_quarter_turns_are_exact() -> None:
     data, count = trajectories(), 40
     turn = Symmetries(Turn(states=(("x", "y"),), quarter=True))
-    quarters = np.arange(count) % 4 * (np.pi / 2)
+    quarters = np.pi / 2 * (np.arange(count) % 4).astype(np.float64)
     never, still = np.zeros(count, bool), np.zeros((count, 0))
     found = group(turn).transformations(data.states[:, 0], quarters, never, still)
     states, x, y = found.states(data.states), data.states[..., 0], data.states[..., 1]
@@ -97,7 +97,7 @@ def test_quarter_turns_are_exact() -> None:
 
 
 def test_samples_are_uniform_over_the_group() -> None:
-    s0 = np.tile(np.float32([1, 0, 0, 0]), (20000, 1))
+    s0 = np.tile(np.array([1, 0, 0, 0], np.float32), (20000, 1))
     maps = group().sample(np.random.default_rng(0), s0).states
     determinant = np.linalg.det(maps.matrix[:, :2, :2])
     assert abs((determinant < 0).mean() - 0.5) < 0.02

@@ -268,6 +268,7 @@ def test_the_training_options_are_those_of_the_section_crps() -> None:
         batch_size=7,
         learning_rate=0.02,
         weight_decay=train.weight_decay,
+        symmetries="all",
         validate_every=250,
         patience=2505,
         accelerator=train.accelerator,

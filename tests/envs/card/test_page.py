@@ -67,7 +67,6 @@ def test_the_command_writes_a_page_with_its_pictures(tmp_path: Path) -> None:
     assert "| target | m | position that the cart has to reach | – | – |" in text
     assert "| goal radius | 0.2 | m |" in text
     assert "| mirror | −x, −v | −force | −target |" in text
-    assert "| shift by d, -1 to 1 | x + d | – | target + d |" in text
     for picture in ("filmstrip", "fans", "histogram"):
         assert f"(pictures/cart_{picture}.png)" in text
         assert (tmp_path / "pictures" / f"cart_{picture}.png").stat().st_size > 1000
