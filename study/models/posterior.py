@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ACTIVE_ABOVE = 0.01
 """Variance of a component's posterior mean, above which the component is an active unit."""
 
-TRAJECTORIES, STEPS, SAMPLES = 64, 8, 16
+TRAJECTORIES, STEPS, SAMPLES = 64, 8, 8
 """Sizes of the estimate of `latent_share`: at most so many trajectories, evenly spaced steps of
 each, and samples of z_t at each step."""
 
