@@ -284,7 +284,6 @@ def test_the_kernel_computes_the_same(
         )
 
 
-
 @pytest.mark.parametrize("has_bounds", [False, True])
 @pytest.mark.parametrize("gain", [False, True])
 @pytest.mark.parametrize("sizes", SIZES)

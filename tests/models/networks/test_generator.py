@@ -1,0 +1,135 @@
+"""The generator: a forecast step has the distribution of `transition`; noise that persists."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from study.models.networks.generator import GRADIENT_DECAY, GeneratorDynamics
+from tests.helpers.models import ACTION, HORIZON, STATE
+from tests.helpers.networks import ROWS, architecture, randomize, units
+
+NOISE, PERSISTENT = 3, 2
+
+
+def untrained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
+    torch.manual_seed(0)
+    shape = architecture(memory=False, product=product)
+    shape = replace(shape, inputs=ACTION + PERSISTENT + STATE)
+    return GeneratorDynamics(units(rotating), shape, NOISE, PERSISTENT)
+
+
+def trained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
+    """A generator whose output depends on all inputs."""
+    built = untrained(rotating, product)
+    randomize(built)
+    nn.init.normal_(built.stem.weight, std=0.3)
+    return built
+
+
+def arguments() -> dict[str, Tensor]:
+    """Of `generate`: the inputs are the action, ζ and s_0."""
+    s0 = torch.randn(1, ROWS, STATE)
+    persistent = torch.randn(1, ROWS, 1, PERSISTENT).expand(-1, -1, HORIZON, -1)
+    start = s0[:, :, None].expand(-1, -1, HORIZON, -1)
+    return {
+        "s0": s0,
+        "inputs": torch.cat([torch.randn(1, ROWS, HORIZON, ACTION), persistent, start], -1),
+        "offset": 0.1 * torch.randn(1, ROWS, HORIZON, STATE),
+        "noise": torch.randn(1, ROWS, HORIZON, NOISE),
+    }
+
+
+def set_output_to_zero(generator: GeneratorDynamics) -> None:
+    for layer in (generator.skip, generator.output, generator.noise_shift, generator.noise_output):
+        nn.init.zeros_(layer.weight)
+    nn.init.zeros_(generator.output.bias)
+
+
+@pytest.mark.parametrize("product", [True, False])
+@pytest.mark.parametrize("rotating", [False, True])
+def test_a_forecast_step_has_the_distribution_of_transition(rotating: bool, product: bool) -> None:
+    """Where the stem does not depend on s_0, and without persistent noise."""
+    generator, values = trained(rotating, product), arguments()
+    generator.stem.weight.data[:, -STATE:] = 0
+    values["inputs"][..., ACTION : ACTION + PERSISTENT] = 0
+    first = {name: value if name == "s0" else value[:, :, :1] for name, value in values.items()}
+    forecast = generator.generate(**first)[:, :, 0]
+    mean, factor = generator.transition(values["s0"], values["inputs"][:, :, 0])
+    assert factor.shape == (1, ROWS, NOISE, STATE)
+    output = mean + torch.einsum("mbz,mbzd->mbd", values["noise"][:, :, 0], factor)
+    unit = torch.from_numpy(units().delta_std)
+    torch.testing.assert_close(forecast, values["s0"] + unit * output + values["offset"][:, :, 0])
+
+
+def test_the_covariance_depends_on_the_state() -> None:
+    generator, values = trained(), arguments()
+    _, factor = generator.transition(5 * values["s0"], values["inputs"][:, :, 0])
+    assert (factor[0, 0] - factor[0, 1]).abs().max() > 0.01
+
+
+def test_a_transition_depends_on_s0_alone_in_the_linear_term() -> None:
+    """Not on the persistent noise, and on s_0 as by the weights of the linear term."""
+    generator, values = trained(), arguments()
+    state, inputs = values["s0"], values["inputs"][:, :, 0]
+    mean, factor = generator.transition(state, inputs)
+    changed = inputs.clone()
+    changed[..., ACTION : ACTION + PERSISTENT] += 1.0
+    for found, expected in zip(generator.transition(state, changed), (mean, factor), strict=True):
+        assert torch.equal(found, expected)
+    changed[..., -STATE:] += 1.0
+    other_mean, other_factor = generator.transition(state, changed)
+    assert torch.equal(other_factor, factor)
+    expected = mean + generator.skip.weight[:, None, -STATE:].sum(2)
+    torch.testing.assert_close(other_mean, expected)
+
+
+def test_the_offset_moves_the_state() -> None:
+    generator, values = trained(), arguments()
+    set_output_to_zero(generator)
+    expected = values["s0"][:, :, None] + values["offset"].cumsum(2)
+    torch.testing.assert_close(generator.generate(**values), expected)
+
+
+def test_the_gradient_decays_by_a_factor_at_every_step() -> None:
+    generator, values = trained(), arguments()
+    set_output_to_zero(generator)
+    s0 = values["s0"].requires_grad_()
+    last = generator.generate(**values)[:, :, -1]
+    (gradient,) = torch.autograd.grad(last.sum(), s0)
+    torch.testing.assert_close(gradient, torch.full_like(s0, GRADIENT_DECAY**HORIZON))
+
+
+def test_forecasts_in_blocks_without_gradient_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("study.models.networks.dynamics.MAX_ROWS", ROWS - 1)
+    generator, values = trained(), arguments()
+    expected = generator.generate(**values)
+    with torch.no_grad():
+        torch.testing.assert_close(generator.generate(**values), expected)
+
+
+@pytest.mark.parametrize("product", [True, False])
+def test_persistent_noise_and_s0_have_no_effect_before_training(product: bool) -> None:
+    generator, values = untrained(product=product), arguments()
+    expected = generator.generate(**values)
+    changed = values | {"inputs": values["inputs"].clone()}
+    changed["inputs"][..., ACTION:] += 1.0
+    assert torch.equal(generator.generate(**changed), expected)
+    changed["inputs"][..., :ACTION] += 1.0
+    assert not torch.equal(generator.generate(**changed), expected)
+    changed = values | {"noise": values["noise"] + 1.0}
+    assert not torch.equal(generator.generate(**changed), expected)
+
+
+@pytest.mark.parametrize("product", [True, False])
+def test_all_weights_are_trained(product: bool) -> None:
+    """The gradients of rollouts reach every weight, those of the persistent noise as well."""
+    generator, values = untrained(product=product), arguments()
+    generator.generate(**values).square().sum().backward()
+    for name, parameter in generator.named_parameters():
+        if parameter.requires_grad:
+            assert parameter.grad is not None, name
+            assert parameter.grad.any(), name
+    assert generator.stem.weight.grad is not None
+    assert generator.stem.weight.grad[:, -STATE - PERSISTENT :].any(-1).all()
