@@ -13,7 +13,7 @@ from study.common.arrays import Floats
 from study.common.seeds import derive
 from study.data.normalization import Normalization
 from study.data.trajectories import Trajectories
-from study.data.transformations import SymmetryGroup, orbit_parts
+from study.data.transformations import COPIES, SymmetryGroup, orbit_parts
 
 CHUNK = 1000
 """Trajectories that are transformed together."""
@@ -85,5 +85,9 @@ class AugmentedTrajectories(Dataset[dict[str, Tensor]]):
 
     def orbit_states(self) -> Tensor:
         """The states [C · N, T+1, D] of C transformed copies of each trajectory, normalised."""
-        parts = orbit_parts(self.training, self.group, CHUNK)
-        return torch.cat([self.normalization.normalize_states(states) for states, _ in parts])
+        orbit = torch.empty(COPIES * len(self.states), *self.states.shape[1:])
+        start = 0
+        for states, _ in orbit_parts(self.training, self.group, CHUNK):
+            orbit[start : start + len(states)] = self.normalization.normalize_states(states)
+            start += len(states)
+        return orbit
