@@ -104,6 +104,13 @@ def posterior(kl: float) -> str:
     return "collapsed" if kl < COLLAPSED_BELOW else "used"
 
 
+def beta(value: float | None) -> str:
+    """β with two significant digits; a dash for None and NaN."""
+    if value is None or pd.isna(value):
+        return NOTHING
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
 def to_markdown(rows: list[list[str]], notes: list[str]) -> str:
     """A heading, a pipe table and notes."""
     rule = "|---" * NAMES + "|---:" * (len(HEADS) - NAMES - 1) + "|---|"
@@ -155,7 +162,7 @@ def _row(fit: dict[Any, Any], size: int | None) -> list[str]:
         label(fit["level"]),
         title(fit["model"]),
         str(fit["seed"]),
-        f"{fit['beta']:.2g}" if pd.notna(fit["beta"]) else NOTHING,
+        beta(fit["beta"]),
         number(fit["kl"]),
         units if size is None else f"{units} of {size}",
         number(fit["latent_share"], 2),

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from paper_figs.pages import benchmark_tables, study_tables
+from paper_figs.pages import benchmark_tables, posterior_tables, study_tables
 from paper_figs.pages.marks import pages, rewritten
 from study.common.errors import StudyError
 
@@ -22,7 +22,12 @@ def outdated(root: Path = ROOT) -> dict[Path, str]:
     Raises:
         BadInput: a mark in a page cannot be used, or the numbers cannot be read.
     """
-    tables = study_tables.tables(root / "results") | benchmark_tables.tables(root)
+    results = root / "results"
+    tables = (
+        study_tables.tables(results)
+        | posterior_tables.tables(results)
+        | benchmark_tables.tables(root)
+    )
     texts = {page: page.read_text(encoding="utf-8") for page in pages(root)}
     expected = {page: rewritten(text, tables) for page, text in texts.items()}
     return {page: text for page, text in expected.items() if text != texts[page]}

@@ -41,10 +41,11 @@ def run(
     fair = brier_fair(forecast_success, success, finite).mean()
     brier_skill = skill(float(fair), float(oracle), float(reference))
     ratio = variance_ratio(forecasts, observed, kernel.scale)
+    fit = read_json(inputs["trained"] / "fit.json")  # β, and posterior statistics of VAEs
     write_json(
         out / "validation.json",
         {
-            "beta": read_json(inputs["trained"] / "fit.json")["beta"],
+            **{name: fit[name] for name in fit if name != "validation_score"},
             "mmd2": validation_mmd2(forecasts, observed, kernel),
             # Undefined where the outcome of every scenario is certain.
             "brier_skill": brier_skill if np.isfinite(brier_skill) else None,

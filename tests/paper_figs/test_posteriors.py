@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from paper_figs import posteriors
+from paper_figs.pages import posterior_tables
 from study.common.errors import BadInput
 from study.common.files import write_json
 from study.config.names import FULL, MLP, RESIDUAL
@@ -65,3 +65,29 @@ def test_results_without_fits_have_no_table_and_the_script_says_so(
     assert (code, capsys.readouterr().out) == (0, posteriors.MISSING + "\n")
     with pytest.raises(BadInput, match="no folder"):
         posteriors.plot(tmp_path / "elsewhere")
+
+
+def test_the_page_shows_the_fits_of_a_study_or_says_that_it_has_none(tmp_path: Path) -> None:
+    assert posterior_tables.fits(tmp_path) == posterior_tables.NO_FITS
+    write(tmp_path, FIT | {"kl": 2.0, "active_units": 1.0, "latent_share": 0.25})
+    numbers = ["0", "0.5", "2.000", "1 of 8", "0.25", "used"]
+    assert row(posterior_tables.fits(tmp_path), "| UAV | high epistemic | Full VAE")[3:] == numbers
+
+
+def test_the_page_compares_the_ranges_of_beta_on_the_fork() -> None:
+    change = "tune.beta_low=100"
+    mlp = {"beta": None, "mmd2": 0.04}
+    used = {"beta": 0.5, "mmd2": 0.001, "kl": 1.3, "latent_share": 0.98}
+    collapsed = {"beta": 150.0, "mmd2": 0.05, "kl": 0.0, "latent_share": 0.0}
+    cell = "fork/low/{}/seed-0"
+    record = {
+        "settings": {"ablations": [change]},
+        "scores": {
+            change: {cell.format(FULL): collapsed, cell.format(MLP): mlp},
+            "as it is": {cell.format(FULL): used, cell.format(MLP): mlp},
+        },
+    }
+    table = posterior_tables.fork(record)
+    assert row(table, "| Full VAE | 0.5")[2:] == ["1.300", "0.98", "used", "0.0010"]
+    assert row(table, "| Full VAE | 150")[2:] == ["0.000", "0.00", "collapsed", "0.0500"]
+    assert row(table, "| Probabilistic MLP")[1:] == ["—", "—", "—", "—", "0.0400"]
