@@ -28,8 +28,8 @@ def command(
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("results", type=Path, help="results folder of a study: results/paper")
     try:
-        for path in plot(parser.parse_args(arguments).results) or [missing]:
-            print(path)
+        paths = plot(parser.parse_args(arguments).results)
+        print(*(paths or [missing]), sep="\n")
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code

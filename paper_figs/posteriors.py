@@ -77,7 +77,7 @@ def read_fits(results: Path) -> pd.DataFrame:
     }
     ranks = pd.DataFrame({name: fits[name].map(names.index) for name, names in order.items()})
     ranks["seed"] = fits["seed"]
-    return fits.loc[ranks.sort_values(list(ranks)).index]
+    return fits.loc[ranks.sort_values(list(ranks.columns)).index]
 
 
 def latent_size(results: Path) -> int | None:

@@ -82,14 +82,14 @@ def latent_share(
     normal = torch.randn(mean.shape, generator=generator).to(mean.device)
     latent = mean + normal * torch.exp(0.5 * log_variance)
     rows = torch.arange(0, len(states), -(-len(states) // TRAJECTORIES), device=states.device)
-    inputs = [
+    states, baseline, condition, latent = (
         repeat_samples(values[rows], SAMPLES) for values in (states, baseline, condition, latent)
-    ]
+    )
     from_latent, from_noise = torch.zeros(2, states.shape[-1], device=states.device)
     horizon = mean.shape[1]
     for step in sorted({int(t) for t in torch.linspace(0, horizon - 1, STEPS)}):
-        prior = torch.randn(len(inputs[0]), mean.shape[-1], generator=generator)
-        means, variances = one_step(model, step, *inputs, prior.to(mean.device))
+        prior = torch.randn(len(latent), latent.shape[-1], generator=generator).to(mean.device)
+        means, variances = one_step(model, step, states, baseline, condition, latent, prior)
         from_latent += means.unflatten(0, (-1, SAMPLES)).var(1).mean(0)
         from_noise += variances.mean(0)
     return float((from_latent / (from_latent + from_noise)).mean())

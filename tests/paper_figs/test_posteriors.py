@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from paper_figs import posteriors
+from paper_figs.command import command
 from paper_figs.pages import posterior_tables
 from study.common.errors import BadInput
 from study.common.files import write_json
@@ -61,7 +62,7 @@ def test_results_without_fits_have_no_table_and_the_script_says_so(
     write(tmp_path, FIT | {"model": MLP})
     assert posteriors.plot(tmp_path) == []
     arguments = [str(tmp_path)]
-    code = posteriors.command(posteriors.plot, "", arguments, missing=posteriors.MISSING)
+    code = command(posteriors.plot, "", arguments, missing=posteriors.MISSING)
     assert (code, capsys.readouterr().out) == (0, posteriors.MISSING + "\n")
     with pytest.raises(BadInput, match="no folder"):
         posteriors.plot(tmp_path / "elsewhere")
