@@ -29,7 +29,7 @@ def command(
     parser.add_argument("results", type=Path, help="results folder of a study: results/paper")
     try:
         paths = plot(parser.parse_args(arguments).results)
-        print(*(paths or [missing]), sep="\n")
+        print(*(map(str, paths) if paths else [missing]), sep="\n")
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
