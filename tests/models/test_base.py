@@ -13,7 +13,7 @@ from study.common.errors import BadInput
 from study.common.seeds import Seeds, spawn
 from study.config.settings import Config, Train
 from study.models import Model, models
-from study.models.networks.decoder import GaussianDecoder
+from study.models.networks.gaussian import GaussianDynamics
 from study.models.rnn_ensemble import RnnEnsemble
 from tests.helpers.models import HORIZON, MEMBERS, OURS, STATE, ensemble, model, trajectories
 
@@ -27,6 +27,10 @@ VARIANTS: list[tuple[str, Changes]] = [
     ("residual_vae", {"vae": {"teacher_forcing": "scheduled"}}),
     ("full_vae", {"vae": {"decoder_output": "mean"}}),
     ("residual_vae", {"vae": {"variance": "homoscedastic"}}),
+    ("ensemble", {"network": {"features": "none"}}),
+    ("residual_vae", {"network": {"features": "none"}}),
+    ("probabilistic_mlp", {"network": {"features": "none"}}),
+    ("full_crps", {"network": {"features": "none"}}),
     ("probabilistic_ensemble", {"probabilistic_ensemble": {"propagation": "step"}}),
 ]
 ALL: list[tuple[str, Changes]] = [(name, {}) for name in NAMES] + VARIANTS
@@ -36,7 +40,7 @@ def heteroscedastic(name: str, changes: Changes) -> Model:
     """A model whose variance depends on the past, as after training."""
     built = model(name, **changes)
     for part in built.modules():
-        if isinstance(part, GaussianDecoder):
+        if isinstance(part, GaussianDynamics):
             part.variance.copy_(torch.tensor([0.5, 1.0, 2.0]))
             if part.log_std.weight.requires_grad:
                 part.log_std.weight.data.normal_()

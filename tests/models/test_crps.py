@@ -12,7 +12,7 @@ from scipy.stats import norm
 from torch import Tensor
 
 from study.config.grid import Cell
-from study.config.model_sections import Crps
+from study.config.model_sections import Crps, Network
 from study.config.settings import Config, Train
 from study.models.crps import (
     TRAJECTORIES,
@@ -69,7 +69,7 @@ def test_persistent_noise_persists(name: str) -> None:
     """Its value at the first step acts at every step; the other components act from their step."""
     network = crps(name)
     torch.manual_seed(0)
-    torch.nn.init.normal_(network.decoder.gates.weight)  # initially the persistent noise has none
+    torch.nn.init.normal_(network.decoder.stem.weight)  # initially the persistent noise has none
     scenario = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
     noise, member = torch.randn(2, 3, HORIZON, NOISE), torch.zeros(2, 3, dtype=torch.int64)
     forecasts = network.sample(*scenario, noise, member)
@@ -119,8 +119,8 @@ def test_single_transitions_do_not_train_what_depends_on_the_whole_trajectory(na
     for step, trains in ((0, False), (network.first_rollout_step(), True)):
         network.zero_grad()
         network.losses(batch(), step)["loss"].backward()
-        assert bool(decoder.gates.weight.grad[:, persistent_and_start].any()) is trains
-        assert bool(decoder.gates.weight.grad[:, : -PERSISTENT - STATE].any())
+        assert bool(decoder.stem.weight.grad[:, persistent_and_start].any()) is trains
+        assert bool(decoder.stem.weight.grad[:, : -PERSISTENT - STATE].any())
         assert bool(decoder.skip.weight.grad[:, -STATE:].any())
 
 
@@ -215,7 +215,7 @@ def test_steps_with_large_changes_are_sampled_more_often(monkeypatch: pytest.Mon
     transition, conditions = network.decoder.transition, []
 
     def recorded(*arguments: Tensor) -> Any:
-        conditions.append(arguments[2][:, 0])
+        conditions.append(arguments[1][0, :, STATE])  # after the baseline's change
         return transition(*arguments)
 
     monkeypatch.setattr(network.decoder, "transition", recorded)
@@ -256,13 +256,13 @@ def test_forecasts_keep_to_the_range_of_the_training_data() -> None:
     network, states = crps("full_crps"), batch()["states"]
     network.on_training_data(states)
     assert network.training_size == len(states)
-    assert bool((network.decoder.max_state > states.amax((0, 1))).all())
-    assert bool((network.decoder.min_state < states.amin((0, 1))).all())
+    assert bool((network.decoder.highest > states.amax((0, 1))).all())
+    assert bool((network.decoder.lowest < states.amin((0, 1))).all())
 
 
 def test_the_training_options_are_those_of_the_section_crps() -> None:
     train = Config().train
-    settings = CrpsSettings(Crps(steps=2505, batch_size=7, learning_rate=0.02), train)
+    settings = CrpsSettings(Crps(steps=2505, batch_size=7, learning_rate=0.02), Network(), train)
     expected = Train(
         steps=2505,
         batch_size=7,
@@ -274,7 +274,7 @@ def test_the_training_options_are_those_of_the_section_crps() -> None:
         accelerator=train.accelerator,
     )
     assert CrpsModel.training_options(settings) == expected
-    again = CrpsSettings(settings.crps, expected)
+    again = CrpsSettings(settings.crps, settings.network, expected)
     assert CrpsModel.training_options(again) == expected
 
 

@@ -16,15 +16,11 @@ def identifiable(propagation: str = "trajectory") -> Any:
     network: Any = model(
         "probabilistic_ensemble", probabilistic_ensemble={"propagation": propagation}
     )
-    network.delta_std.fill_(1.0)
     for index, member in enumerate(network.member_models()):
-        member.delta_std.fill_(1.0)
-        last = member.network[-1]
-        torch.nn.init.zeros_(last.weight)
-        torch.nn.init.zeros_(last.bias)
-        last.bias.data[:STATE] = index
-        member.max_log_variance.data.fill_(-50.0)
-        member.min_log_variance.data.fill_(-60.0)
+        member.network.unit.fill_(1.0)
+        member.network.variance.zero_()
+        torch.nn.init.zeros_(member.network.output.weight)
+        member.network.output.bias.data.fill_(index)
     return network
 
 

@@ -1,13 +1,15 @@
 """How the two VAEs are trained and sampled."""
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from study.models.networks.cvae import kl_from_standard_normal
+from study.models.networks.likelihood import heteroscedastic_nll
 from study.models.residual_vae import ResidualVae
+from study.models.unroll.unroll import bounded
 from tests.helpers.models import HORIZON, MEMBERS, STATE, batch, model, normalization
 
 TEACHER_FORCING = ["never", "always", "scheduled"]
@@ -32,7 +34,6 @@ def test_the_baseline_is_the_sampled_member() -> None:
     torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
     torch.testing.assert_close(network.baselines(s0, actions, None), baselines)
     network.cvae.decoder.output.weight.data.zero_()
-    network.cvae.decoder.output.bias.data.zero_()
     noise = torch.zeros(8, 1, HORIZON, network.noise_size)
     forecast = network.sample(s0, actions, noise, member[:, None])
     torch.testing.assert_close(forecast[:, 0], baseline[:, 1:])
@@ -89,15 +90,15 @@ def test_a_state_is_sampled_from_the_decoders_distribution(teacher_forcing: str)
     assert network.noise_size == network.settings.vae.latent_size + STATE
     decoder = network.cvae.decoder
     decoder.output.weight.data.zero_()
-    decoder.output.bias.data.zero_()
-    decoder.log_std.bias.data.copy_(torch.tensor([0.5, -0.5, 100.0]))
+    log_std = torch.tensor([0.5, -0.5, 100.0])
+    decoder.log_std.bias.data.copy_(log_std)
     decoder.variance.copy_(torch.tensor([4.0, 1.0, 0.25]))
     data, member = batch(), torch.zeros(8, 2, dtype=torch.int64)
     s0, actions = data["states"][:, 0], data["actions"]
     noise = torch.randn(8, 2, HORIZON, network.noise_size)
     with torch.no_grad():
         added = network.sample(s0, actions, noise, member) - network.ensemble(s0, actions)[:, :1]
-    std = torch.tensor([2.0, 1.0, 0.5]) * torch.tensor([0.5, -0.5, 100.0]).tanh().exp()
+    std = torch.tensor([2.0, 1.0, 0.5]) * bounded(log_std).exp()
     one_step = noise[..., network.settings.vae.latent_size :] * std
     expected = one_step.cumsum(2) if teacher_forcing == "always" else one_step
     torch.testing.assert_close(added, expected, rtol=1e-4, atol=1e-4)
@@ -122,6 +123,32 @@ def test_when_the_decoder_is_teacher_forced(teacher_forcing: str, expected: list
     assert [network.is_teacher_forced(step) for step in range(10)] == expected
 
 
+@pytest.mark.parametrize("name", ["residual_vae", "full_vae"])
+@pytest.mark.parametrize("teacher_forcing", ["never", "always"])
+def test_the_loss_of_equation_12(name: str, teacher_forcing: str) -> None:
+    network, data = vae(name, teacher_forcing=teacher_forcing), batch()
+    network.cvae.decoder.log_std.weight.data.normal_(std=0.3)
+    torch.manual_seed(3)
+    losses = network.losses(data, 0)
+    states, actions = data["states"], data["actions"]
+    s0, truth = states[:, 0], states[:, 1:]
+    torch.manual_seed(3)
+    baselines = network.baselines(s0, actions, None)
+    member = network.sample_training_members(8, baselines.shape[1], s0.device)
+    baseline, condition = network.select(baselines, actions, member[:, None])
+    target = truth - baseline[:, 1:]
+    mean, log_variance = network.cvae.encode(target, states[:, :-1], condition)
+    latent = mean + torch.randn_like(mean) * torch.exp(0.5 * log_variance)
+    history = states[:, :-1] if teacher_forcing == "always" else None
+    prediction, log_std = network.cvae.decode(s0, baseline, condition, latent, history)
+    nll = heteroscedastic_nll(truth - prediction, log_std)[0].sum()
+    divergence = kl_from_standard_normal(mean, log_variance).mean()
+    torch.testing.assert_close(losses["loss/negative_log_likelihood"], nll)
+    torch.testing.assert_close(losses["loss/kl"], divergence)
+    torch.testing.assert_close(losses["loss"], nll + network.beta * divergence)
+    assert network.beta == 0.1
+
+
 def test_training_estimates_the_variance() -> None:
     network = vae("full_vae")
     torch.manual_seed(0)
@@ -133,9 +160,13 @@ def test_training_estimates_the_variance() -> None:
     with torch.no_grad():
         baselines = network.baselines(s0, data["actions"], None)
         baseline, condition = network.select(baselines, data["actions"], member)
-        latent, _ = network.cvae.encode(truth, history, condition)
-        mean, _ = network.cvae.decoder(s0, baseline, condition, latent, history)
-    expected = ((truth - mean) / math.exp(math.tanh(1.0))).square().mean((0, 1))
+        posterior, log_variance = network.cvae.encode(truth, history, condition)
+        squares = []
+        for _ in range(20):
+            latent = posterior + torch.randn_like(posterior) * torch.exp(0.5 * log_variance)
+            mean, log_std = network.cvae.decode(s0, baseline, condition, latent, history)
+            squares.append(((truth - mean) / log_std.exp()).square().mean((0, 1)))
+    expected = torch.stack(squares).mean(0)
     torch.testing.assert_close(network.cvae.decoder.variance, expected, rtol=0.2, atol=0.0)
 
 

@@ -103,7 +103,7 @@ def test_a_fit_depends_on_its_own_model_and_on_no_environment() -> None:
         assert not any(f"study.models.{other}" in modules for other in fits.keys() - {model})
         assert {"study.stages.train", "study.training.fit", "study.models.base"} <= modules
         assert not any(name.startswith(("study.envs.pusher", "study.envs.uav")) for name in modules)
-    assert "study.models.gru.recurrence" in fits["residual_vae"]
+    assert "study.models.unroll.unroll" in fits["residual_vae"]
 
 
 def test_data_depend_on_their_environment_and_on_no_model() -> None:

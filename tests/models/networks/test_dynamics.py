@@ -121,10 +121,9 @@ def test_headings_are_periodic(memory: bool) -> None:
     rotated[..., angle] += 2 * torch.pi / dynamics.angle_scale
 
     def change() -> float:
-        outputs = [
-            dynamics.step(s, values["inputs"], values["hidden"])[0] for s in (state, rotated)
-        ]
-        return float((outputs[0] - outputs[1]).detach().abs().max())
+        others = (values["inputs"], values["hidden"])
+        difference = dynamics.step(state, *others)[0] - dynamics.step(rotated, *others)[0]
+        return float(difference.detach().abs().max())
 
     assert change() > 0.1
     with torch.no_grad():

@@ -189,7 +189,7 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
         waves = [np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)]
         sums = arguments.terms[m, b, t].numpy() + np.concatenate([s, *waves]) @ w["state"]
         d, p, memory = sizes.state, sizes.stem, sizes.memory
-        l, u, v, g = np.split(sums, [d, d + p, d + 2 * p])
+        skip, u, v, g = np.split(sums, [d, d + p, d + 2 * p])
         y = u * silu(v)
         if memory:
             x_n, x_r, x_u = np.split(g + y @ w["gates"], 3)
@@ -200,7 +200,7 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
             y = y + mixed @ w["mix"] + w["mix_bias"] if p else h
         for weight, bias in zip(w["layers"], w["layers_bias"], strict=True):
             y = y + silu(y @ weight + bias)
-        s = l + y @ w["output"]
+        s = skip + y @ w["output"]
         if arguments.gain is not None:
             s = s + (y * arguments.gain[m, b, t].numpy()) @ w["noise_output"]
         if arguments.noise is not None:
