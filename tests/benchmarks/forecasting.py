@@ -4,8 +4,8 @@ Sampled transitions per second on one thread, each contender in turn, for each e
 
 - *ours*: `Model.forecast`, random numbers and units included;
 - *simulator*: `repeat_rollouts`, as stage collect observes the test scenarios;
-- *torch.nn*: the same model with its recurrent networks in `GRUCell` (`tests/benchmarks/plain.py`),
-  without derivatives.
+- *torch.nn*: the same model with its networks in `torch.nn` (`tests/benchmarks/plain.py`), without
+  derivatives.
 
 The ensemble computes each member's forecast of a scenario once, whatever the number of samples. It
 gets more scenarios than the others.

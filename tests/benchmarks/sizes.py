@@ -13,7 +13,7 @@ from study.data.trajectories import Trajectories, concatenate
 from study.envs import simulators
 from study.envs.observe import observe_trajectories
 from study.models import Model, models
-from study.models.rnn_ensemble import RnnEnsemble, RnnEnsembleSettings
+from study.models.rnn_ensemble import RnnEnsemble
 
 MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp")
 SIZES = {
@@ -38,7 +38,7 @@ def build_model(name: str, config: Config, data: Trajectories) -> Any:
     Args:
         name: of `MODELS`.
         config: its settings.
-        data: gives the normalization.
+        data: gives the normalization and the range of the states.
     """
     torch.manual_seed(0)
     normalization = Normalization.from_trajectories(data)
@@ -50,11 +50,15 @@ def build_model(name: str, config: Config, data: Trajectories) -> Any:
             "vae": replace(config.section("vae"), teacher_forcing="never"),
         },
     )
-    ensemble = RnnEnsemble(normalization, RnnEnsembleSettings(config.ensemble))
+    ensemble = RnnEnsemble(normalization, RnnEnsemble.settings_from(config))
+    states = normalization.normalize_states(data.states)
+    ensemble.on_training_data(states)
     if name == "ensemble":
         return ensemble
     model: type[Model] = models[name]
     arguments: dict[str, Any] = {"beta": 1.0} if model.tunes_beta else {}
     if model.uses_ensemble:
         arguments["ensemble"] = ensemble
-    return model(normalization, model.settings_from(config, name), **arguments)
+    built = model(normalization, model.settings_from(config, name), **arguments)
+    built.on_training_data(states)
+    return built

@@ -5,9 +5,9 @@ in turn:
 
 - *ours*: the model's `training_step`, autoregressive;
 - *no compiler*: the same without a C compiler;
-- *torch.nn*: the same with `GRUCell` and `GRU` (`tests/benchmarks/plain.py`);
-- *mbrl*: for the MLP, `GaussianMLP.update` of mbrl 0.2, a network of the same size on the same
-  transitions, and in batches of 256, its default;
+- *torch.nn*: the same with `Linear`, `GRUCell` and `GRU` (`tests/benchmarks/plain.py`);
+- *mbrl*: for the MLP, `GaussianMLP.update` of mbrl 0.2, with as many layers and hidden units, on
+  the same transitions, and in batches of 256, its default;
 - *float32 limit*: the operations of the matrix products, as one large product.
 
 For the ensemble a transition counts once for each member. mbrl is measured where it is installed:
@@ -27,7 +27,9 @@ from torch import Tensor
 from study.config.settings import Config
 from study.data.trajectories import Trajectories
 from study.models import Model
-from study.models.gru import kernel
+from study.models.networks.dynamics import DynamicsNetwork
+from study.models.networks.gaussian import GaussianDynamics
+from study.models.unroll import kernel
 from tests.benchmarks.plain import plain
 from tests.benchmarks.report import save
 from tests.benchmarks.sizes import MODELS, SIZES, build_model, observe
@@ -39,32 +41,43 @@ LARGEST_DIFFERENCE = 1e-4
 Run = Callable[[], object]
 
 
-def operations(name: str, config: Config, state: int, action: int) -> int:
+def operations(name: str, model: Any) -> int:
     """Floating-point operations of the matrix products, for one transition.
 
     A product [rows, I] · [I, O] takes 2 I O operations a row. Its derivative by the weights takes
-    as many, and that by the input again as many, unless the input is data. The gates' pointwise
+    as many, and that by the input again as many, unless the input is data. The pointwise
     operations, and what happens once a trajectory, are left out.
     """
-    latent = config.section("vae").latent_size
-    section = config.ensemble if name == "ensemble" else config.section("vae")
-    hidden = section.hidden_size
-    layers: list[tuple[int, int, bool]]  # I, O, whether there is a derivative by the input
     if name == "ensemble":
-        layers = [(action, 3 * hidden, False), (state, 3 * hidden, True)]
-        layers += [(hidden, 3 * hidden, True), (hidden, state, True)]
+        layers = layers_of(model.members, model.action_size)
     elif name == "probabilistic_mlp":
-        mlp = config.section("mlp")
-        width = mlp.hidden_size
-        layers = [(state + action, width, False)]
-        layers += [(width, width, True)] * (mlp.layers - 1) + [(width, 2 * state, True)]
+        network = model.network
+        layers = layers_of(network, network.features_size + model.action_size)
     else:
-        condition = action + (state if name == "residual_vae" else 0)
-        layers = [(2 * state + condition, 3 * hidden, False), (hidden, 3 * hidden, True)]
-        layers += [(hidden, 2 * latent, True)]  # the last of the encoder
-        layers += [(condition, 3 * hidden, False), (latent + state, 3 * hidden, True)]
-        layers += [(hidden, 3 * hidden, True), (hidden, 2 * state, True)]
+        encoder, decoder = model.cvae.encoder_gates_of_input, model.cvae.decoder
+        hidden, posterior = model.cvae.encoder_gates_of_hidden, model.cvae.posterior
+        layers = [(encoder.in_features, encoder.out_features, False)]
+        layers += [(part.in_features, part.out_features, True) for part in (hidden, posterior)]
+        layers += layers_of(decoder, model.condition_size())
     return sum(2 * i * o * (3 if derived else 2) for i, o, derived in layers)
+
+
+def layers_of(network: DynamicsNetwork, data: int) -> list[tuple[int, int, bool]]:
+    """The layers of one step: I, O, and whether there is a derivative by the input.
+
+    Args:
+        network: computes the step.
+        data: how many of its inputs, the features of the state among them, are data.
+    """
+    shape, size, width = network.architecture, network.size, network.width
+    stem, memory, x = shape.stem_size, shape.memory_size, network.features_size + shape.inputs
+    of_x = 3 * memory + (size + 2 * stem if shape.product else stem)  # gates, skip and stem
+    layers = [(data, of_x, False), (x - data, of_x, True)]
+    layers += [(stem, 3 * memory, True), (memory, 3 * memory, True)]
+    layers += [(memory + stem, stem, True)] if memory and stem else []
+    layers += [(stem, stem, True)] * len(network.layers)
+    outputs = 2 if isinstance(network, GaussianDynamics) else 1  # the mean and w
+    return [*layers, (width, outputs * size, True)]
 
 
 def batch_for(name: str, config: Config, model: Any, data: Trajectories) -> dict[str, Tensor]:
@@ -161,8 +174,7 @@ def contenders(name: str, config: Config, data: Trajectories) -> dict[str, tuple
     elif importlib.util.find_spec("mbrl"):
         found["mbrl"] = mbrl_steps(config, batch, count), count
         found[f"mbrl, batches of {MBRL_BATCH}"] = mbrl_steps(config, batch, MBRL_BATCH), count
-    each = operations(name, config, model.state_size, model.action_size)
-    found["float32 limit"] = large_product(), 2 * SIDE**3 / each
+    found["float32 limit"] = large_product(), 2 * SIDE**3 / operations(name, model)
     return found
 
 
