@@ -5,7 +5,6 @@ They stand here and not beside the models, so that `plan`, `status` and ``--help
 
 from dataclasses import dataclass
 
-from study.common.errors import BadInput
 from study.config.sections import section, setting
 
 
@@ -69,7 +68,11 @@ class Crps:
         learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
         symmetries: `all` or `none`, in place of `train.symmetries`.
         noise_size: standard normal numbers that drive the decoder at each step.
-        persistent_noise_size: so many of them are sampled once for the whole trajectory.
+        trajectory_latent_size: components of a latent variable of the whole trajectory, which
+            stands for unobserved constants. An encoder of training trajectories finds it.
+        trajectory_latent_weight: weight of its KL divergence.
+        action_sum: the sum of all past actions is an input, for systems whose controller
+            integrates an error.
         samples: forecasts of each training trajectory that are scored together.
         energy_weight: weight of the energy score of the joint state.
     """
@@ -80,17 +83,12 @@ class Crps:
     batch_size: int = setting(64, low=1, high=10**6)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
     symmetries: str = setting("all", choices=("none", "all"))
-    noise_size: int = setting(12, low=1, high=1000)
-    persistent_noise_size: int = setting(4, low=0, high=1000)
+    noise_size: int = setting(8, low=1, high=1000)
+    trajectory_latent_size: int = setting(1, low=0, high=1000)
+    trajectory_latent_weight: float = setting(40.0, low=0.0)
+    action_sum: bool = True
     samples: int = setting(4, low=2, high=10**4)
     energy_weight: float = setting(0.3, low=0.0)
-
-    def __post_init__(self) -> None:
-        if self.persistent_noise_size >= self.noise_size:
-            raise BadInput(
-                f"crps.persistent_noise_size: got {self.persistent_noise_size}; "
-                f"less than crps.noise_size, {self.noise_size}"
-            )
 
 
 @section("mlp")

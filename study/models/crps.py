@@ -32,6 +32,7 @@ from study.models.baseline import BaselineModel
 from study.models.networks.dynamics import Architecture
 from study.models.networks.generator import GeneratorDynamics
 from study.models.networks.likelihood import weighted_log_score
+from study.models.networks.trajectory_encoder import TrajectoryEncoder
 from study.models.sampling import repeat_samples
 
 MIN_SCORE = 1e-6
@@ -88,11 +89,16 @@ class CrpsSettings:
 class CrpsModel(BaselineModel[CrpsSettings]):
     """A decoder with noise inputs that adds to a baseline. A subclass defines the baseline.
 
-    The first components of the noise persist over the whole trajectory. They represent unobserved
-    variables that are constant, such as a payload. The other components are sampled at every step.
+    Inputs beside the state are the change of the baseline, the condition, the sum of all past
+    actions, a latent variable ζ of the whole trajectory (`TrajectoryEncoder`), and s_0:
+
+    - A controller that integrates an error, such as an autopilot's, depends on past set-points. The
+      difference between their sum and the distance travelled is that integral.
+    - A variable may return to its initial value (a wind to its mean), and the size of its
+      fluctuations may depend on that value.
 
     Training begins with single transitions, from which contacts of hundredths of a second can be
-    learned. Rollouts follow, from which persistent effects and the growth of errors are learned.
+    learned. Rollouts follow, from which the growth of errors is learned.
     """
 
     settings_class = CrpsSettings
@@ -100,20 +106,22 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     def __init__(self, normalization: Normalization, settings: CrpsSettings) -> None:
         super().__init__(normalization, settings)
         crps = settings.crps
-        self.noise_size = crps.noise_size
-        inputs = self.condition_size() + 2 * self.state_size + crps.persistent_noise_size
+        latent_size = crps.trajectory_latent_size
+        self.noise_size = latent_size + crps.noise_size
+        condition_size = self.condition_size() + (self.action_size if crps.action_sum else 0)
         architecture = Architecture(
-            inputs=inputs,
+            inputs=self.state_size + condition_size + latent_size + self.state_size,
             width=crps.hidden_size,
             memory=False,
             product=settings.network.features == "product",
         )
         self.decoder = GeneratorDynamics(
-            normalization,
-            architecture,
-            crps.noise_size - crps.persistent_noise_size,
-            crps.persistent_noise_size,
+            normalization, architecture, crps.noise_size, latent_size + self.state_size
         )
+        self.encoder = None
+        if latent_size:
+            inputs = 2 * self.state_size + condition_size
+            self.encoder = TrajectoryEncoder(inputs, latent_size)
 
     @classmethod
     def training_options(cls, settings: CrpsSettings) -> Train:
@@ -161,45 +169,84 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             batch = {name: values[:TRAJECTORIES] for name, values in batch.items()}
         states, actions = batch["states"], batch["actions"]
         baselines = self.baselines(states[:, 0], actions, batch.get("members"))
-        losses = self.rollout_losses if on_rollouts else self.transition_losses
-        return losses(states, actions, baselines)
+        if on_rollouts:
+            return self.rollout_losses(states, actions, baselines)
+        return self.transition_losses(states, actions, baselines, step)
 
     def transition_losses(
-        self, states: Tensor, actions: Tensor, baselines: Tensor
+        self, states: Tensor, actions: Tensor, baselines: Tensor, step: int
     ) -> dict[str, Tensor]:
         """The logarithmic score of single transitions, and the error of their mean.
 
         The probability of a step of the horizon is proportional to 1 + the mean squared change of
         the state in units of δ. So rare events, such as a start from rest, are sampled more often.
-        The persistent noise is left out, since one step does not separate it from other noise.
+        ζ is sampled from q_φ(ζ | the whole trajectory), and the weight of its KL divergence is large.
+        So it represents what most steps of a trajectory have in common, and no single step's noise.
 
         Args:
             states: [B, T+1, D].
             actions: [B, T, A].
             baselines: [B, M, T+1, D].
+            step: optimiser steps already taken.
         """
         scale, horizon = self.delta_std, actions.shape[1]
         weights = 1 + (states.diff(dim=1) / scale).square().mean((0, 2))
         probabilities = weights.expand(len(states), -1).flatten()
         sampled = torch.multinomial(probabilities, TRANSITIONS, replacement=True)
         row, t = sampled // horizon, sampled % horizon
-        member = torch.randint(baselines.shape[1], sampled.shape, device=sampled.device)
-        baseline = torch.stack([baselines[row, member, t], baselines[row, member, t + 1]], 1)
-        condition = self.condition(baseline, actions[row, t][:, None])[:, 0]
-        baseline_change = baseline[:, 1] - baseline[:, 0]
-        state, s0 = states[row, t], states[row, 0]
-        persistent = s0.new_zeros(len(s0), self.settings.crps.persistent_noise_size)
-        inputs = torch.cat([baseline_change / scale, condition, persistent, s0], -1)
+        member = torch.randint(baselines.shape[1], (len(states),), device=states.device)
+        baseline, condition = self.select(baselines, actions, member[:, None])
+        latent, divergence = self.encode(states, condition, step)
+        inputs = self.inputs(states[:, 0], baseline, condition, latent)[row, t]
+        state, change = states[row, t], baseline[row, t + 1] - baseline[row, t]
         mean, factor = (values[0] for values in self.decoder.transition(state[None], inputs[None]))
-        error = (states[row, t + 1] - state - baseline_change) / scale - mean
+        error = (states[row, t + 1] - state - change) / scale - mean
         score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
         # A large variance can lower the score of a large error, but not its squared error.
         error_of_mean = error.square().mean(0).clamp(min=MIN_SCORE**2).log().mean()
+        weight = self.settings.crps.trajectory_latent_weight / states[0, 1:].numel()
         return {
-            "loss": score + error_of_mean,
+            "loss": score + error_of_mean + weight * divergence,
             "loss/transitions": score,
             "loss/mean": error_of_mean,
+            "loss/kl": divergence,
         }
+
+    def encode(self, states: Tensor, condition: Tensor, step: int) -> tuple[Tensor, Tensor]:
+        """ζ [B, Z] of training trajectories, and the mean of its KL divergence.
+
+        Args:
+            states: [B, T+1, D].
+            condition: [B, T, C].
+            step: optimiser steps already taken.
+        """
+        if self.encoder is None:
+            return states[:, 0, :0], states.new_zeros(())
+        changes = states.diff(dim=1) / self.delta_std
+        latent, divergence = self.encoder(states[:, :-1], changes, condition)
+        self.encoder.update_prior(latent, step)
+        return latent, divergence.mean()
+
+    def select(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
+        """See `BaselineModel.select`; the condition includes Σ_{τ<t} a_τ / √T [S·K, T, A]."""
+        baseline, condition = super().select(baselines, actions, member)
+        if not self.settings.crps.action_sum:
+            return baseline, condition
+        past = (actions.cumsum(1) - actions) / math.sqrt(actions.shape[1])
+        return baseline, torch.cat([condition, repeat_samples(past, member.shape[1])], -1)
+
+    def inputs(self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor) -> Tensor:
+        """The decoder's inputs beside the state [B, T, I].
+
+        Args:
+            s0: [B, D].
+            baseline: b_{0:T} [B, T+1, D].
+            condition: [B, T, C].
+            latent: ζ [B, Z].
+        """
+        horizon = condition.shape[1]
+        constant = torch.cat([latent, s0], -1)[:, None].expand(-1, horizon, -1)
+        return torch.cat([baseline.diff(dim=1) / self.delta_std, condition, constant], -1)
 
     def rollout_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor
@@ -245,19 +292,15 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             s0, actions, noise, member: see `Model.sample`.
             baselines: of all members [S, M, T+1, D].
         """
-        samples, persistent_size = member.shape[1], self.settings.crps.persistent_noise_size
+        samples, latent_size = member.shape[1], self.settings.crps.trajectory_latent_size
         baseline, condition = self.select(baselines, actions, member)
-        persistent = noise[:, :, :1, :persistent_size].expand(-1, -1, noise.shape[2], -1)
+        of_trajectory, normal = noise.flatten(0, 1).tensor_split([latent_size], dim=-1)
+        latent = of_trajectory[:, 0]
+        if self.encoder is not None:
+            latent = self.encoder.prior(latent)
         start = repeat_samples(s0, samples)
-        change = baseline[:, 1:] - baseline[:, :-1]
-        inputs = [
-            change / self.delta_std,
-            condition,
-            persistent.flatten(0, 1),
-            start[:, None].expand(-1, change.shape[1], -1),
-        ]
-        normal = noise[..., persistent_size:].flatten(0, 1)
-        rows = (start, torch.cat(inputs, -1), change, normal)
+        inputs = self.inputs(start, baseline, condition, latent)
+        rows = (start, inputs, baseline.diff(dim=1), normal)
         forecasts = self.decoder.generate(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
 

@@ -8,7 +8,7 @@ model                 inputs beside the state        memory  noise
 ensemble member       action                         GRU     none
 VAE decoder           condition, latent variable     GRU     normal, `gaussian.py`
 probabilistic MLP     action                         none    normal, `gaussian.py`
-CRPS generator        condition, s_0, noise          none    functional, `generator.py`
+CRPS generator        condition, ζ, s_0              none    functional, `generator.py`
 ===================== ============================== ======= ============================
 """
 
@@ -155,11 +155,7 @@ class DynamicsNetwork(nn.Module):
         self.highest.copy_(highest + margin)
 
     def step(
-        self,
-        state: Tensor,
-        inputs: Tensor,
-        hidden: Tensor | None = None,
-        skip_inputs: Tensor | None = None,
+        self, state: Tensor, inputs: Tensor, hidden: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The output and y of given states, of all steps at once (teacher forcing).
 
@@ -167,7 +163,6 @@ class DynamicsNetwork(nn.Module):
             state: s_{0:T-1} [M, B, T, D]; without memory any [M, ..., D].
             inputs: i_{0:T-1} [M, B, T, I].
             hidden: h_0 [M, B, H], with memory.
-            skip_inputs: the inputs of S where they are not those of the other weights.
 
         Returns:
             x_t S + y_t O + o [M, B, T, D], in units u, and y [M, B, T, W].
@@ -192,8 +187,7 @@ class DynamicsNetwork(nn.Module):
             top = top + silu(self._linear(layer, top))
         output = self._linear(self.output, top)
         if shape.product:
-            skip = x if skip_inputs is None else torch.cat([f, skip_inputs], -1)
-            output = output + self._linear(self.skip, skip)
+            output = output + self._linear(self.skip, x)
         return output, top
 
     def start(self, s0: Tensor, start: Tensor) -> Tensor:

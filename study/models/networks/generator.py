@@ -18,15 +18,13 @@ class GeneratorDynamics(DynamicsNetwork):
     ŝ and y are those of `DynamicsNetwork` without memory. The noise z_t multiplies hidden units. So
     one step is normal, with a covariance that depends on the state.
 
-    The last inputs are ζ, noise that persists over the whole trajectory, and s_0. s_0 is an input
-    since a variable may return to its initial value (a wind to its mean). Neither has an effect on
-    the stem before training.
+    The last inputs, of the size `initially_unused`, have no effect on the stem before training.
 
     Args:
         normalization: see `DynamicsNetwork`.
         architecture: see `DynamicsNetwork`; without memory.
         noise_size: the size of z_t.
-        persistent_size: the size of ζ.
+        initially_unused: number of the last inputs that the stem ignores at first.
     """
 
     gradient_decay = GRADIENT_DECAY
@@ -36,37 +34,29 @@ class GeneratorDynamics(DynamicsNetwork):
         normalization: Normalization,
         architecture: Architecture,
         noise_size: int,
-        persistent_size: int,
+        initially_unused: int = 0,
     ) -> None:
         super().__init__(normalization, architecture)
         count = architecture.networks
         self.noise_gain = StackedLinear(count, noise_size, self.width, bias=False)  # P
         self.noise_shift = StackedLinear(count, noise_size, self.size, bias=False)  # R
         self.noise_output = StackedLinear(count, self.width, self.size, bias=False)  # Q
-        self.hidden_inputs = persistent_size + self.size
         with torch.no_grad():
-            self.stem.weight[:, -self.hidden_inputs :] = 0
+            self.stem.weight[:, self.stem.weight.shape[1] - initially_unused :] = 0
             for layer in (self.output, self.noise_output, self.noise_shift):
                 layer.weight.mul_(0.3)
 
     def transition(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """The normal distribution of (s_{t+1} − k s_t − offset_t) / u without persistent noise.
-
-        s_0 enters l alone. Through the stem it would identify the trajectory, and the training
-        trajectories would be memorised.
+        """The normal distribution of (s_{t+1} − k s_t − offset_t) / u.
 
         Args:
             state: s_t [M, B, D].
-            inputs: i_t [M, B, I]; ζ is ignored.
+            inputs: i_t [M, B, I].
 
         Returns:
             the mean [M, B, D] and a factor G [M, B, Z, D] of the covariance Gᵀ G.
         """
-        observed, hidden = inputs.tensor_split([-self.hidden_inputs], -1)
-        stem_inputs = torch.cat([observed, torch.zeros_like(hidden)], -1)
-        start = hidden.tensor_split([-self.size], -1)
-        skip_inputs = torch.cat([observed, torch.zeros_like(start[0]), start[1]], -1)
-        mean, top = self.step(state, stem_inputs, skip_inputs=skip_inputs)
+        mean, top = self.step(state, inputs)
         # (y · P_z) Q for all components of z at once.
         gains = self.noise_gain.weight[..., None] * self.noise_output.weight[:, None]
         factor = top @ gains.movedim(1, 2).flatten(2)
