@@ -37,12 +37,12 @@ class Fork(Simulator):
     goal = (Variable("target", "m", "position that the puck has to reach"),)
     default_horizon = 20
     control_step = 1.0
-    radius = 0.1
+    radius = 0.05
 
     def sample_scenarios(self, seeds: Seeds) -> Scenarios:
         """See `Simulator.sample_scenarios`: a target takes a few hops to the same side."""
         rows = np.stack([np.random.default_rng(seed).uniform(-1, 1, 3) for seed in seeds])
-        target = np.sign(rows[:, 1]) * (1.4 + 0.2 * rows[:, 2])
+        target = np.sign(rows[:, 1]) * (1.55 + 0.35 * rows[:, 2])
         columns = np.stack([rows[:, 0], target], axis=1).astype(np.float32)
         return Scenarios(s0=columns[:, :1], goal=columns[:, 1:])
 

@@ -112,7 +112,7 @@ def check_recordings(results: Results) -> Check:
 
 def check_summary(results: Results, problems: list[str], progress: Progress) -> Iterator[Check]:
     """Compare claims, tables and figures with those that are computed from the scores."""
-    sources = [summary.SCORES, summary.TRIALS, "illustrations", checksums.NAME]
+    sources = [summary.SCORES, summary.TRIALS, summary.FITS, "illustrations", checksums.NAME]
     damaged = [
         line for line in problems if any(f"{results.out / name}" in line for name in sources)
     ]
@@ -122,7 +122,9 @@ def check_summary(results: Results, problems: list[str], progress: Progress) -> 
         return
     with tempfile.TemporaryDirectory(prefix="study-verify-") as temporary:
         repeated = Path(temporary)
-        for name in (summary.SCORES, summary.TRIALS, STUDY):
+        # A study that was made before the study had the table of fits has none.
+        fits = [summary.FITS] if (results.out / summary.FITS).is_file() else []
+        for name in (summary.SCORES, summary.TRIALS, *fits, STUDY):
             shutil.copyfile(results.out / name, repeated / name)
         if (results.out / "illustrations").is_dir():
             shutil.copytree(results.out / "illustrations", repeated / "illustrations")

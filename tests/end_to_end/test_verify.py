@@ -75,6 +75,7 @@ def test_other_programs_can_read_the_checksums(light: Path) -> None:
     [
         ("scores.parquet", flip, "damaged"),
         ("trials.parquet", flip, "damaged"),
+        ("fits.parquet", flip, "damaged"),
         ("claims.json", flip, "damaged"),
         ("claims.md", Path.unlink, "missing"),
         ("timings.json", flip, "damaged"),
