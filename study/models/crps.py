@@ -180,8 +180,9 @@ class CrpsModel(BaselineModel[CrpsSettings]):
 
         The probability of a step of the horizon is proportional to 1 + the mean squared change of
         the state in units of δ. So rare events, such as a start from rest, are sampled more often.
-        ζ is sampled from q_φ(ζ | the whole trajectory), and the weight of its KL divergence is large.
-        So it represents what most steps of a trajectory have in common, and no single step's noise.
+        ζ is sampled from q_φ(ζ | the whole trajectory), and the weight of its KL divergence is
+        large. So ζ represents what most steps of a trajectory have in common, and not the noise of
+        a single step.
 
         Args:
             states: [B, T+1, D].

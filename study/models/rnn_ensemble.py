@@ -1,6 +1,6 @@
 """The deep ensemble of recurrent networks: epistemic uncertainty (section III-A, equation 10)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ class RnnEnsembleSettings:
     """Settings of the ensemble."""
 
     ensemble: Ensemble
-    network: Network = Network()
+    network: Network = field(default_factory=Network)
 
     @property
     def train(self) -> Train:

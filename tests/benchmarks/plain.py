@@ -10,6 +10,7 @@ output, and the others an MLP.
 """
 
 from copy import deepcopy
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -166,8 +167,9 @@ class PlainDynamics(nn.Module):
 
     def start(self, s0: Tensor, start: Tensor) -> Tensor:
         """See `DynamicsNetwork.start`."""
-        pairs = zip(self.networks, torch.cat([s0, start], -1), strict=True)
-        return torch.stack([torch.tanh(net.linear["initial_hidden"](x)) for net, x in pairs])
+        networks: list[Any] = list(self.networks)
+        rows = zip(networks, torch.cat([s0, start], -1), strict=True)
+        return torch.stack([torch.tanh(one.linear["initial_hidden"](x)) for one, x in rows])
 
     def mean(
         self, state: Tensor, inputs: Tensor, offset: Tensor, hidden: Tensor | None = None

@@ -25,7 +25,7 @@ SMALL = Config(
     ensemble=Ensemble(members=MEMBERS, hidden_size=8),
     sections={
         "vae": Vae(hidden_size=8, latent_size=4),
-        "crps": Crps(hidden_size=8, noise_size=5, persistent_noise_size=2),
+        "crps": Crps(hidden_size=8, noise_size=3, trajectory_latent_size=2),
         "mlp": Mlp(hidden_size=8, layers=2),
         "model_ensemble": ModelEnsemble(members=MEMBERS),
     },

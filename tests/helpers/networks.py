@@ -1,6 +1,7 @@
 """Small dynamics networks with random weights."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,7 +35,7 @@ def randomize(network: nn.Module) -> None:
             parameter.normal_(std=0.15)
 
 
-def inputs(network: DynamicsNetwork) -> dict[str, Tensor]:
+def inputs(network: DynamicsNetwork) -> dict[str, Any]:
     """The arguments of a rollout, all random."""
     sizes, count = network.architecture, network.architecture.networks
     s0 = torch.randn(count, ROWS, STATE)

@@ -14,7 +14,7 @@ from tests.helpers.models import ACTION, HORIZON, MEMBERS, STATE, batch, model
 
 Changes = Mapping[str, Mapping[str, Any]]
 
-NEVER = {"teacher_forcing": "never"}
+NEVER: dict[str, Any] = {"teacher_forcing": "never"}
 MODELS: list[tuple[str, Changes]] = [
     ("ensemble", {}),
     ("ensemble", {"ensemble": {"teacher_forcing_fraction": 0.0}}),
@@ -26,7 +26,7 @@ MODELS: list[tuple[str, Changes]] = [
     ("full_crps", {"crps": {"one_step_fraction": 0.0}}),
 ]
 VARIANTS = [
-    (name, changes | {"network": {"features": features}})
+    (name, {**changes, "network": {"features": features}})
     for name, changes in MODELS
     for features in ("product", "none")
 ]

@@ -13,6 +13,7 @@ CRPS generator        condition, ζ, s_0              none    functional, `gener
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -79,7 +80,8 @@ class DynamicsNetwork(nn.Module):
 
         x_t = [f(s_t), i_t]
         p_t = (x_t A + a) · silu(x_t B + b)                 stem
-        h_{t+1} = GRU([x_t, p_t], h_t)                      memory; h_0 = tanh([s_0, start] W_0 + w_0)
+        h_{t+1} = GRU([x_t, p_t], h_t)                      memory
+        h_0 = tanh([s_0, start] W_0 + w_0)
         y_t = p_t + [h_{t+1}, p_t] M + m
         y_t ← y_t + silu(y_t L_i + l_i)                     i = 1 … L
         s_{t+1} = k s_t + offset_t + u · (x_t S + y_t O + o)
@@ -124,7 +126,8 @@ class DynamicsNetwork(nn.Module):
         self.register_buffer("unit", unit)
         self.register_buffer("lowest", torch.full_like(delta_std, -torch.inf))
         self.register_buffer("highest", torch.full_like(delta_std, torch.inf))
-        count, stem, memory = architecture.networks, architecture.stem_size, architecture.memory_size
+        count, stem = architecture.networks, architecture.stem_size
+        memory = architecture.memory_size
         self.features_size = size + 4 * len(angles)
         x = self.features_size + architecture.inputs
         self.width = stem or memory
@@ -232,12 +235,14 @@ class DynamicsNetwork(nn.Module):
             hidden = s0[..., :0]
         values = (s0, inputs, offset, hidden, gain, noise)
         if torch.is_grad_enabled():
-            return self._rollout(*values, return_tops)
+            return self._rollout(*values, return_tops=return_tops)
         count = max(1, -(-s0.shape[1] // MAX_ROWS))  # a batch may be empty
         blocks = [
             (None,) * count if value is None else value.split(MAX_ROWS, 1) for value in values
         ]
-        parts = [self._rollout(*block, return_tops) for block in zip(*blocks, strict=True)]
+        parts = [
+            self._rollout(*block, return_tops=return_tops) for block in zip(*blocks, strict=True)
+        ]
         states, tops = zip(*parts, strict=True)
         return torch.cat(states, 1), torch.cat(tops, 1)
 
@@ -249,6 +254,7 @@ class DynamicsNetwork(nn.Module):
         hidden: Tensor,
         gain: Tensor | None,
         noise: Tensor | None,
+        *,
         return_tops: bool,
     ) -> tuple[Tensor, Tensor]:
         """See `rollout`. Terms that do not depend on the state are computed for all steps first."""
@@ -285,6 +291,7 @@ class DynamicsNetwork(nn.Module):
         shape, count = self.architecture, self.architecture.networks
         stem, memory = shape.stem_size, shape.memory_size
         mixes = bool(stem and memory)
+        layers: list[Any] = list(self.layers)
         log_std, log_std_bias = self._log_std_weights()
         return Weights(
             state,
@@ -293,8 +300,8 @@ class DynamicsNetwork(nn.Module):
             self.hidden_bias[:, 0] if memory else self._zeros(count, 0),
             self.mix.weight if mixes else self._zeros(count, 0, 0),
             self.mix.bias[:, 0] if mixes else self._zeros(count, 0),
-            self._stack([layer.weight for layer in self.layers], (count, 0, stem, stem)),
-            self._stack([layer.bias[:, 0] for layer in self.layers], (count, 0, stem)),
+            self._stack([layer.weight for layer in layers], (count, 0, stem, stem)),
+            self._stack([layer.bias[:, 0] for layer in layers], (count, 0, stem)),
             self.output.weight * self.unit,
             self._noise_output(),
             log_std,

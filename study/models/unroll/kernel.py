@@ -87,7 +87,7 @@ class Sizes(ctypes.Structure):
     def split_gradients(
         self, gradients: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, list[Tensor]]:
-        """The gradients of the terms, of the gates n, r, u and r, u, n, of the mix, of the layers."""
+        """Those of the terms, the gates n, r, u, the gates r, u, n, the mix and the layers."""
         h, first = self.memory, self.state + 2 * self.stem
         mix = first + 4 * h
         sums = mix + self.stem
@@ -101,7 +101,7 @@ class Sizes(ctypes.Structure):
 
 
 def _structure(count: int) -> type[Any]:
-    """A structure of so many pointers."""
+    """A structure of `count` pointers."""
     fields = [(f"pointer_{index}", ctypes.c_void_p) for index in range(count)]
     return type("Pointers", (ctypes.Structure,), {"_fields_": fields})
 
@@ -183,9 +183,7 @@ def _call(
         return
     bounds = [blocks * part // threads for part in range(threads + 1)]
     with ThreadPoolExecutor(threads) as pool:  # ctypes releases the interpreter's lock
-        calls = [
-            pool.submit(function, first, last, *pointers) for first, last in pairwise(bounds)
-        ]
+        calls = [pool.submit(function, first, last, *pointers) for first, last in pairwise(bounds)]
     for finished in calls:
         finished.result()
 

@@ -132,14 +132,25 @@ def gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     def empty(*shape: int) -> Tensor:
         return bias.new_zeros(count, *shape)
 
-    none, columns = bias.new_zeros(0), torch.zeros(0, dtype=torch.int64, device=bias.device)
+    none = bias.new_zeros(0)
     weights = Weights(
-        empty(0, 3 * memory),
-        empty(0, 3 * memory),
-        weight,
-        bias,
-        *(empty(0, 0), empty(0), empty(0, memory, memory), empty(0, memory), empty(memory, 0)),
-        *(None, None, None, none, none, columns, none, none),
+        state=empty(0, 3 * memory),
+        gates=empty(0, 3 * memory),
+        hidden=weight,
+        hidden_bias=bias,
+        mix=empty(0, 0),
+        mix_bias=empty(0),
+        layers=empty(0, memory, memory),
+        layers_bias=empty(0, memory),
+        output=empty(memory, 0),
+        noise_output=None,
+        log_std=None,
+        log_std_bias=None,
+        lowest=none,
+        highest=none,
+        angle_columns=none.long(),
+        angle_mean=none,
+        angle_scale=none,
     )
     return unroll(weights, gates, hidden[..., :0], hidden, return_tops=True)[1]
 
@@ -159,6 +170,7 @@ def torch_unroll(
     gains = [None] * steps if gain is None else gain.unbind(2)
     noises = [None] * steps if noise is None else noise.unbind(2)
     angles = (weights.angle_columns, weights.angle_mean, weights.angle_scale)
+    layers = list(zip(weights.layers.unbind(1), weights.layers_bias.unbind(1), strict=True))
     states, tops = [], []
     # Sequences are split once, since the gradient of an index at every step would copy the whole
     # sequence each time.
@@ -176,7 +188,7 @@ def torch_unroll(
             top = top + mixed + weights.mix_bias[:, None]
         elif memory:
             top = hidden
-        for layer, bias in zip(weights.layers.unbind(1), weights.layers_bias.unbind(1), strict=True):
+        for layer, bias in layers:
             top = top + silu(top @ layer + bias[:, None])
         state = skip + top @ weights.output
         if gain_t is not None:
@@ -231,8 +243,10 @@ class _Compiled(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
         *arrays, decay, return_tops, grad_enabled = arguments[:8]
-        terms, state, hidden, gain, noise = (_contiguous(array) for array in arrays)
-        weights = Weights(*(_contiguous(array) for array in arguments[8:]))
+        inputs: tuple[Any, ...] = tuple(_contiguous(array) for array in arrays)
+        terms, *_, noise = inputs
+        of_weights: list[Any] = [_contiguous(array) for array in arguments[8:]]
+        weights = Weights(*of_weights)
         count, batch, steps, _ = terms.shape
         sizes = kernel.Sizes.of(weights, batch, steps, decay, LOG_STD_BOUND)
         rows = (count, batch, steps)
@@ -241,7 +255,6 @@ class _Compiled(torch.autograd.Function):
         assert noise is None or not needs_gradient, "noise is not differentiable"
         tops = terms.new_empty(*rows, sizes.width) if return_tops or not sizes.state else None
         tape = terms.new_empty(*rows, sizes.tape_size()) if needs_gradient else None
-        inputs = (terms, state, hidden, gain, noise)
         kernel.forward(sizes, weights, inputs, states, tops, tape)
         if needs_gradient:
             ctx.sizes = sizes

@@ -69,16 +69,22 @@ class Case:
             return value if value is None or not value.is_floating_point() else value.to(dtype)
 
         weights = Weights(*(convert(value) for value in self.weights.tensors()))
-        inputs = (convert(getattr(self, entry.name)) for entry in fields(self)[1:])
+        inputs: list[Any] = [convert(getattr(self, entry.name)) for entry in fields(self)[1:]]
         return Case(weights, *inputs)
 
     def rows(self, part: slice) -> "Case":
         """Some of the trajectories."""
-        rows = (getattr(self, entry.name) for entry in fields(self)[1:])
-        return Case(self.weights, *(value if value is None else value[:, part] for value in rows))
+        rows: list[Any] = [getattr(self, entry.name) for entry in fields(self)[1:]]
+        rows = [value if value is None else value[:, part] for value in rows]
+        return Case(self.weights, *rows)
 
-    def arguments(self) -> tuple[Any, ...]:
-        return tuple(getattr(self, entry.name) for entry in fields(self))
+    def unroll(self, decay: float = 1.0, return_tops: bool = True) -> tuple[Tensor, Tensor]:
+        inputs = (self.terms, self.state, self.hidden, self.gain, self.noise)
+        return unroll(self.weights, *inputs, decay, return_tops)
+
+    def torch_unroll(self, decay: float = 1.0) -> tuple[Tensor, Tensor]:
+        inputs = (self.terms, self.state, self.hidden, self.gain, self.noise)
+        return torch_unroll(self.weights, *inputs, decay)
 
     def differentiable(self) -> list[Tensor]:
         """The arguments that have a gradient, which from now on is computed."""
@@ -130,11 +136,11 @@ def case(sizes: Sizes, gain: bool = False, noise: bool = False) -> Case:
 
 def bounded(arguments: Case) -> Case:
     """The same with bounds that some of the states reach."""
-    states, _ = torch_unroll(*arguments.arguments())
+    states, _ = arguments.torch_unroll()
     lowest, highest = states.flatten(0, 2).quantile(torch.tensor([0.3, 0.7]).double(), dim=0)
     weights = replace(arguments.weights, lowest=lowest, highest=highest)
     result = replace(arguments, weights=weights)
-    states, _ = torch_unroll(*result.arguments())
+    states, _ = result.torch_unroll()
     at_bound = (states == lowest) | (states == highest)
     assert 0.1 < at_bound.double().mean() < 0.9
     return result
@@ -225,7 +231,7 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
 )
 def test_the_equations(sizes: Sizes, gain: bool, noise: bool) -> None:
     arguments = bounded(case(sizes, gain, noise))
-    states, tops = torch_unroll(*arguments.arguments())
+    states, tops = arguments.torch_unroll()
     for m in range(sizes.networks):
         for b in range(sizes.batch):
             for t, (state, top) in enumerate(trajectory(arguments, sizes, m, b)):
@@ -243,7 +249,7 @@ def test_features_of_an_angle() -> None:
 
 
 @pytest.mark.parametrize("decay", [DECAY, 1.0])
-@pytest.mark.parametrize("version", [unroll, torch_unroll])
+@pytest.mark.parametrize("version", [Case.unroll, Case.torch_unroll])
 def test_the_gradient_decays_at_every_step(version: Any, decay: float) -> None:
     """Of a network whose state stays constant."""
     arguments = case(BOTH)
@@ -254,7 +260,7 @@ def test_the_gradient_decays_at_every_step(version: Any, decay: float) -> None:
     )
     arguments = replace(arguments, weights=weights).to(torch.float32)
     arguments.state.requires_grad_()
-    states, _ = version(*arguments.arguments(), decay)
+    states, _ = version(arguments, decay)
     (gradient,) = torch.autograd.grad(states[:, :, -1].sum(), arguments.state)
     torch.testing.assert_close(gradient, torch.full_like(gradient, decay**BOTH.steps))
 
@@ -270,14 +276,14 @@ def test_the_kernel_computes_the_same(
     exact = bounded(case(sizes, gain)) if has_bounds else case(sizes, gain)
     values = exact.to(torch.float32)
     of_exact, of_values = exact.differentiable(), values.differentiable()
-    expected = torch_unroll(*exact.arguments(), decay)
-    found = unroll(*values.arguments(), decay, return_tops=True)
+    expected = exact.torch_unroll(decay)
+    found = values.unroll(decay)
     assert "Compiled" in str(found[0].grad_fn)
     assert_close(found, expected, 1e-5)
     # A loss may depend on states, on tops or on both.
     for part in (slice(0, 1), slice(1, 2), slice(0, 2)):
-        expected = torch_unroll(*exact.arguments(), decay)
-        found = unroll(*values.arguments(), decay, return_tops=True)
+        expected = exact.torch_unroll(decay)
+        found = values.unroll(decay)
         assert_close(
             gradients(weighted_sum(*found[part]), of_values),
             gradients(weighted_sum(*expected[part]), of_exact),
@@ -296,9 +302,9 @@ def test_the_kernel_adds_the_same_noise(
         exact = bounded(exact)
     values = exact.to(torch.float32)
     with torch.no_grad():
-        expected = torch_unroll(*exact.arguments())
-        found = unroll(*values.arguments(), return_tops=True)
-        without, _ = torch_unroll(*replace(exact, noise=None).arguments())
+        expected = exact.torch_unroll()
+        found = values.unroll()
+        without, _ = replace(exact, noise=None).torch_unroll()
     assert_close(found, expected)
     assert not torch.allclose(expected[0], without, atol=0.1)
 
@@ -324,10 +330,10 @@ def test_a_trajectory_does_not_depend_on_the_rest_of_the_batch(
     sizes: Sizes, compiled: None
 ) -> None:
     arguments = case(sizes, gain=True).to(torch.float32)
-    expected = torch.cat(unroll(*arguments.arguments(), return_tops=True), -1)
+    expected = torch.cat(arguments.unroll(), -1)
     for part in (slice(0, 1), slice(7, 20), slice(28, 29), slice(5, 5)):
         rows = arguments.rows(part)
-        found = torch.cat(unroll(*rows.arguments(), return_tops=True), -1)
+        found = torch.cat(rows.unroll(), -1)
         assert torch.equal(found, expected[:, part])
 
 
@@ -336,12 +342,12 @@ def test_neither_gradients_nor_threads_change_the_numbers(compiled: None) -> Non
     inputs = arguments.differentiable()
 
     def results() -> list[Tensor]:
-        found = unroll(*arguments.arguments(), DECAY, return_tops=True)
+        found = arguments.unroll(DECAY)
         return [*found, *gradients(weighted_sum(*found), inputs)]
 
     expected = results()
     with torch.no_grad():
-        without_gradient = unroll(*arguments.arguments(), DECAY, return_tops=True)
+        without_gradient = arguments.unroll(DECAY)
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(3)
@@ -358,9 +364,9 @@ def test_neither_gradients_nor_threads_change_the_numbers(compiled: None) -> Non
 
 def test_tops_are_returned_on_request(compiled: None) -> None:
     arguments = case(INEXACT).to(torch.float32)
-    states, tops = unroll(*arguments.arguments(), return_tops=True)
+    states, tops = arguments.unroll()
     assert tops.shape == (*states.shape[:3], INEXACT.width())
-    without, none = unroll(*arguments.arguments())
+    without, none = arguments.unroll(return_tops=False)
     assert none.numel() == 0
     assert torch.equal(without, states)
 
@@ -385,7 +391,7 @@ def test_saturated_gates_and_nan(sizes: Sizes, compiled: None) -> None:
     arguments = bounded(case(sizes)).to(torch.float32)
     arguments.terms[:, 0] *= 1e4
     arguments.terms[:, 1] = torch.nan
-    ours, theirs = (version(*arguments.arguments())[0] for version in (unroll, torch_unroll))
+    ours, theirs = (result[0] for result in (arguments.unroll(), arguments.torch_unroll()))
     torch.testing.assert_close(ours, theirs, equal_nan=True, rtol=1e-4, atol=1e-4)
     assert ours[:, 1].isnan().all()
     assert ours[:, 0].isfinite().all()
@@ -410,8 +416,8 @@ def test_without_a_library_torch_computes_it(
     kernel.library.cache_clear()
     try:
         assert kernel.library() is None
-        arguments = case(BOTH, gain=True).to(torch.float32).arguments()
-        for ours, theirs in zip(unroll(*arguments), torch_unroll(*arguments), strict=True):
+        arguments = case(BOTH, gain=True).to(torch.float32)
+        for ours, theirs in zip(arguments.unroll(), arguments.torch_unroll(), strict=True):
             assert torch.equal(ours, theirs)
     finally:
         kernel.library.cache_clear()
