@@ -1,4 +1,4 @@
-"""The CRPS models: an unbiased score, persistent noise, and two phases of training."""
+"""The CRPS models: an unbiased score, a latent variable, and two phases of training."""
 
 from dataclasses import asdict
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ from study.workflow.pipeline import Pipeline
 from tests.helpers.models import ACTION, HORIZON, MEMBERS, STATE, batch, model
 
 NAMES = ["residual_crps", "full_crps"]
-PERSISTENT, NOISE = 2, 5  # sizes in `tests.helpers.models`
+LATENT, NOISE = 2, 5  # sizes in `tests.helpers.models`; noise includes that of the latent
 
 
 def crps(name: str, **values: Any) -> Any:
@@ -65,11 +65,11 @@ def test_equal_forecasts_have_a_finite_gradient() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_persistent_noise_persists(name: str) -> None:
-    """Its value at the first step acts at every step; the other components act from their step."""
+def test_the_latent_variable_is_that_of_the_trajectory(name: str) -> None:
+    """Its number at the first step acts at every step; the other components act from their step."""
     network = crps(name)
     torch.manual_seed(0)
-    torch.nn.init.normal_(network.decoder.stem.weight)  # initially the persistent noise has none
+    torch.nn.init.normal_(network.decoder.stem.weight)  # initially the latent has no effect
     scenario = torch.randn(2, STATE), torch.randn(2, HORIZON, ACTION)
     noise, member = torch.randn(2, 3, HORIZON, NOISE), torch.zeros(2, 3, dtype=torch.int64)
     forecasts = network.sample(*scenario, noise, member)
@@ -82,10 +82,10 @@ def test_persistent_noise_persists(name: str) -> None:
         return [bool(differs[:, :, t].any()) for t in range(HORIZON)]
 
     for component in range(NOISE):
-        persistent = component < PERSISTENT
+        is_latent = component < LATENT
         assert changed_steps(0, component) == [True] * HORIZON
         later = [False] * 3 + [True] * (HORIZON - 3)
-        assert changed_steps(3, component) == ([False] * HORIZON if persistent else later)
+        assert changed_steps(3, component) == ([False] * HORIZON if is_latent else later)
 
 
 @pytest.mark.parametrize("one_step_fraction", [0.0, 1.0])
@@ -111,25 +111,75 @@ def test_training_lowers_the_loss_and_leaves_the_ensemble_alone(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_single_transitions_do_not_train_what_depends_on_the_whole_trajectory(name: str) -> None:
-    """They train no weight of the persistent noise, and of s_0 those of the linear term alone."""
+def test_single_transitions_train_the_encoder(name: str) -> None:
+    """Rollouts sample the latent variable from the training data, and train the decoder alone."""
     network = crps(name)
-    decoder = network.decoder
-    persistent_and_start = slice(-PERSISTENT - STATE, None)
-    for step, trains in ((0, False), (network.first_rollout_step(), True)):
+    for step, trains in ((0, True), (network.first_rollout_step(), False)):
         network.zero_grad()
+        prior = network.encoder.recent.clone()
+        torch.nn.init.normal_(network.decoder.stem.weight)
         network.losses(batch(), step)["loss"].backward()
-        assert bool(decoder.stem.weight.grad[:, persistent_and_start].any()) is trains
-        assert bool(decoder.stem.weight.grad[:, : -PERSISTENT - STATE].any())
-        assert bool(decoder.skip.weight.grad[:, -STATE:].any())
+        gradients = [parameter.grad for parameter in network.encoder.parameters()]
+        assert all((value is not None and bool(value.any())) is trains for value in gradients)
+        assert (len(network.encoder.recent) == len(prior) + 8) is trains
+        assert bool(network.decoder.stem.weight.grad[:, -LATENT - STATE :].any(-1).all())
+
+
+def test_the_divergence_has_its_weight() -> None:
+    losses = []
+    for weight in (0.0, 7.0):
+        network = crps("full_crps", trajectory_latent_weight=weight)
+        torch.manual_seed(0)
+        losses.append(network.losses(batch(), 0))
+    divergence = losses[0]["loss/kl"]
+    assert divergence > 0
+    torch.testing.assert_close(losses[1]["loss/kl"], divergence)
+    # The other terms are means over steps and dimensions.
+    expected = losses[0]["loss"] + 7.0 * divergence / (HORIZON * STATE)
+    torch.testing.assert_close(losses[1]["loss"], expected)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_transition_has_the_mean_of_a_forecast_step(name: str) -> None:
+def test_without_a_latent_variable_there_is_no_encoder(name: str) -> None:
+    network = crps(name, trajectory_latent_size=0)
+    assert network.encoder is None
+    assert network.noise_size == NOISE - LATENT
+    losses = network.losses(batch(), 0)
+    assert losses["loss/kl"] == 0
+    assert bool(losses["loss"].isfinite())
+
+
+@pytest.mark.parametrize("action_sum", [True, False])
+@pytest.mark.parametrize("name", NAMES)
+def test_the_inputs_of_the_decoder(name: str, action_sum: bool) -> None:
+    network = crps(name, action_sum=action_sum)
+    data, member = batch(), torch.randint(network.members_count(), (8, 1))
+    s0, actions = data["states"][:, 0], data["actions"]
+    latent = torch.randn(8, LATENT)
+    baselines = network.baselines(s0, actions, None)
+    baseline, condition = network.select(baselines, actions, member)
+    inputs = network.inputs(s0, baseline, condition, latent)
+    for t in range(HORIZON):
+        expected = [(baseline[:, t + 1] - baseline[:, t]) / network.delta_std, actions[:, t]]
+        if name == "residual_crps":
+            expected.append(baseline[:, t + 1])
+        if action_sum:
+            expected.append(actions[:, :t].sum(1) / HORIZON**0.5)
+        expected += [latent, s0]
+        torch.testing.assert_close(inputs[:, t], torch.cat(expected, -1))
+    assert inputs.shape[-1] == network.decoder.architecture.inputs
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_transition_has_the_mean_of_a_forecast_step(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """On trajectories that the network itself forecasts without noise, the mean has no error."""
-    network = crps(name)
+    network, zero = crps(name), torch.zeros(())
     torch.nn.init.normal_(network.decoder.skip.weight, std=0.1)
     network.decoder.output.weight.data.mul_(0.1)  # so that forecasts stay small
+    # Without noise, the latent variable of a forecast is its median in training, here 0.
+    monkeypatch.setattr(network, "encode", lambda states, *_: (torch.zeros(8, LATENT), zero))
     s0, actions = torch.randn(8, STATE), torch.randn(8, HORIZON, ACTION)
     members = torch.randn(8, 1, HORIZON, STATE).expand(-1, network.members_count(), -1, -1)
     noise, member = torch.zeros(8, 1, HORIZON, NOISE), torch.zeros(8, 1, dtype=torch.int64)

@@ -1,4 +1,4 @@
-"""The generator: a forecast step has the distribution of `transition`; noise that persists."""
+"""The generator: a forecast step has the distribution of `transition`."""
 
 from dataclasses import replace
 
@@ -10,14 +10,14 @@ from study.models.networks.generator import GRADIENT_DECAY, GeneratorDynamics
 from tests.helpers.models import ACTION, HORIZON, STATE
 from tests.helpers.networks import ROWS, architecture, randomize, units
 
-NOISE, PERSISTENT = 3, 2
+NOISE, UNUSED = 3, 2
 
 
 def untrained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
     torch.manual_seed(0)
     shape = architecture(memory=False, product=product)
-    shape = replace(shape, inputs=ACTION + PERSISTENT + STATE)
-    return GeneratorDynamics(units(rotating), shape, NOISE, PERSISTENT)
+    shape = replace(shape, inputs=ACTION + UNUSED)
+    return GeneratorDynamics(units(rotating), shape, NOISE, UNUSED)
 
 
 def trained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
@@ -29,13 +29,10 @@ def trained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
 
 
 def arguments() -> dict[str, Tensor]:
-    """Of `generate`: the inputs are the action, ζ and s_0."""
-    s0 = torch.randn(1, ROWS, STATE)
-    persistent = torch.randn(1, ROWS, 1, PERSISTENT).expand(-1, -1, HORIZON, -1)
-    start = s0[:, :, None].expand(-1, -1, HORIZON, -1)
+    """Of `generate`."""
     return {
-        "s0": s0,
-        "inputs": torch.cat([torch.randn(1, ROWS, HORIZON, ACTION), persistent, start], -1),
+        "s0": torch.randn(1, ROWS, STATE),
+        "inputs": torch.randn(1, ROWS, HORIZON, ACTION + UNUSED),
         "offset": 0.1 * torch.randn(1, ROWS, HORIZON, STATE),
         "noise": torch.randn(1, ROWS, HORIZON, NOISE),
     }
@@ -50,10 +47,7 @@ def set_output_to_zero(generator: GeneratorDynamics) -> None:
 @pytest.mark.parametrize("product", [True, False])
 @pytest.mark.parametrize("rotating", [False, True])
 def test_a_forecast_step_has_the_distribution_of_transition(rotating: bool, product: bool) -> None:
-    """Where the stem does not depend on s_0, and without persistent noise."""
     generator, values = trained(rotating, product), arguments()
-    generator.stem.weight.data[:, -STATE:] = 0
-    values["inputs"][..., ACTION : ACTION + PERSISTENT] = 0
     first = {name: value if name == "s0" else value[:, :, :1] for name, value in values.items()}
     forecast = generator.generate(**first)[:, :, 0]
     mean, factor = generator.transition(values["s0"], values["inputs"][:, :, 0])
@@ -67,22 +61,6 @@ def test_the_covariance_depends_on_the_state() -> None:
     generator, values = trained(), arguments()
     _, factor = generator.transition(5 * values["s0"], values["inputs"][:, :, 0])
     assert (factor[0, 0] - factor[0, 1]).abs().max() > 0.01
-
-
-def test_a_transition_depends_on_s0_alone_in_the_linear_term() -> None:
-    """Not on the persistent noise, and on s_0 as by the weights of the linear term."""
-    generator, values = trained(), arguments()
-    state, inputs = values["s0"], values["inputs"][:, :, 0]
-    mean, factor = generator.transition(state, inputs)
-    changed = inputs.clone()
-    changed[..., ACTION : ACTION + PERSISTENT] += 1.0
-    for found, expected in zip(generator.transition(state, changed), (mean, factor), strict=True):
-        assert torch.equal(found, expected)
-    changed[..., -STATE:] += 1.0
-    other_mean, other_factor = generator.transition(state, changed)
-    assert torch.equal(other_factor, factor)
-    expected = mean + generator.skip.weight[:, None, -STATE:].sum(2)
-    torch.testing.assert_close(other_mean, expected)
 
 
 def test_the_offset_moves_the_state() -> None:
@@ -110,7 +88,7 @@ def test_forecasts_in_blocks_without_gradient_are_the_same(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("product", [True, False])
-def test_persistent_noise_and_s0_have_no_effect_before_training(product: bool) -> None:
+def test_the_last_inputs_have_no_effect_before_training(product: bool) -> None:
     generator, values = untrained(product=product), arguments()
     expected = generator.generate(**values)
     changed = values | {"inputs": values["inputs"].clone()}
@@ -122,9 +100,15 @@ def test_persistent_noise_and_s0_have_no_effect_before_training(product: bool) -
     assert not torch.equal(generator.generate(**changed), expected)
 
 
+def test_all_inputs_may_have_an_effect_before_training() -> None:
+    shape = replace(architecture(memory=False), inputs=ACTION + UNUSED)
+    generator = GeneratorDynamics(units(), shape, NOISE)
+    assert generator.stem.weight.all()
+
+
 @pytest.mark.parametrize("product", [True, False])
 def test_all_weights_are_trained(product: bool) -> None:
-    """The gradients of rollouts reach every weight, those of the persistent noise as well."""
+    """The gradients of rollouts reach every weight, those of the last inputs as well."""
     generator, values = untrained(product=product), arguments()
     generator.generate(**values).square().sum().backward()
     for name, parameter in generator.named_parameters():
@@ -132,4 +116,4 @@ def test_all_weights_are_trained(product: bool) -> None:
             assert parameter.grad is not None, name
             assert parameter.grad.any(), name
     assert generator.stem.weight.grad is not None
-    assert generator.stem.weight.grad[:, -STATE - PERSISTENT :].any(-1).all()
+    assert generator.stem.weight.grad[:, -UNUSED:].any(-1).all()
