@@ -61,7 +61,7 @@ def test_a_stored_study_that_lacks_a_setting() -> None:
         ("grid.levels", {"a/b": 1}, "'a/b' cannot name a level"),
         ("grid.levels", ["tiny"], "or give its fraction of the data: '{tiny: 0.5}'"),
         ("grid.levels", {"tiny": 1e-6}, "level tiny needs at least 2"),
-        ("crps.persistent_noise_size", 12, "less than crps.noise_size, 12"),
+        ("crps.trajectory_latent_size", -1, "it must be between 0 and 1000"),
     ],
 )
 def test_a_value_that_is_not_plainly_what_is_wanted(key: str, value: Any, expected: str) -> None:

@@ -1,11 +1,13 @@
 """Which parameters decay, and the learning rate."""
 
 import numpy as np
+import pytest
 import torch
 from torch import nn
 
 from study.models.networks.linear import StackedLinear
 from study.models.optimizer import adamw, one_cycle
+from tests.helpers.models import model
 
 
 def test_only_matrices_decay() -> None:
@@ -28,3 +30,13 @@ def test_one_cycle_rises_for_a_tenth_of_the_steps_and_falls_to_zero() -> None:
     np.testing.assert_allclose(max(rates), 0.3, rtol=0.01)
     assert rates[-1] < 0.001
     assert (np.diff(rates[12:]) < 0).all()
+
+
+@pytest.mark.parametrize("name", ["ensemble", "full_vae", "full_crps", "probabilistic_mlp"])
+def test_no_bias_of_a_model_decays(name: str) -> None:
+    network = model(name)
+    named = {key: value for key, value in network.named_parameters() if value.requires_grad}
+    groups = adamw(named.values(), 0.1, 0.5).param_groups
+    decaying = {id(p) for group in groups for p in group["params"] if group["weight_decay"]}
+    for key, parameter in named.items():
+        assert (id(parameter) in decaying) != key.endswith("bias"), key
