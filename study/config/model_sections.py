@@ -83,7 +83,7 @@ class Crps:
     batch_size: int = setting(64, low=1, high=10**6)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
     symmetries: str = setting("all", choices=("none", "all"))
-    noise_size: int = setting(8, low=1, high=1000)
+    noise_size: int = setting(12, low=1, high=1000)
     trajectory_latent_size: int = setting(1, low=0, high=1000)
     trajectory_latent_weight: float = setting(40.0, low=0.0)
     action_sum: bool = True

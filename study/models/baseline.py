@@ -64,7 +64,7 @@ class MemberBaseline(BaselineModel[S]):
 
     def condition_size(self) -> int:
         """See `BaselineModel.condition_size`."""
-        return self.action_size + self.state_size
+        return self.action_size + 2 * self.state_size
 
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
         """See `BaselineModel.baselines`: b_0 = s_0 and b_{1:T} = ŷ_m.
@@ -81,8 +81,12 @@ class MemberBaseline(BaselineModel[S]):
         return torch.cat([start, members], dim=2)
 
     def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
-        """See `BaselineModel.condition`: c_t = [a_t, ŝ^m_{t+1}] (Figure 2, right)."""
-        return torch.cat([actions, baseline[:, 1:]], dim=-1)
+        """See `BaselineModel.condition`: c_t = [a_t, ŝ^m_{t+1}] (Figure 2, right), and its change.
+
+        The decoder adds its output to the baseline's change, and has to cancel it where it is wrong.
+        The change is in units of δ, since it is hundreds of times smaller than the state.
+        """
+        return torch.cat([actions, baseline[:, 1:], baseline.diff(dim=1) / self.delta_std], dim=-1)
 
 
 class ZeroBaseline(BaselineModel[S]):

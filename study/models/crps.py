@@ -31,7 +31,7 @@ from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
 from study.models.networks.dynamics import Architecture
 from study.models.networks.generator import GeneratorDynamics
-from study.models.networks.likelihood import weighted_log_score
+from study.models.networks.likelihood import projected_log_score, weighted_log_score
 from study.models.networks.trajectory_encoder import TrajectoryEncoder
 from study.models.sampling import repeat_samples
 
@@ -89,8 +89,8 @@ class CrpsSettings:
 class CrpsModel(BaselineModel[CrpsSettings]):
     """A decoder with noise inputs that adds to a baseline. A subclass defines the baseline.
 
-    Inputs beside the state are the change of the baseline, the condition, the sum of all past
-    actions, a latent variable ζ of the whole trajectory (`TrajectoryEncoder`), and s_0:
+    Inputs beside the state are the condition, the sum of all past actions, a latent variable ζ of
+    the whole trajectory (`TrajectoryEncoder`), and s_0:
 
     - A controller that integrates an error, such as an autopilot's, depends on past set-points. The
       difference between their sum and the distance travelled is that integral.
@@ -110,7 +110,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         self.noise_size = latent_size + crps.noise_size
         condition_size = self.condition_size() + (self.action_size if crps.action_sum else 0)
         architecture = Architecture(
-            inputs=self.state_size + condition_size + latent_size + self.state_size,
+            inputs=condition_size + latent_size + self.state_size,
             width=crps.hidden_size,
             memory=False,
             product=settings.network.features == "product",
@@ -198,17 +198,19 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         member = torch.randint(baselines.shape[1], (len(states),), device=states.device)
         baseline, condition = self.select(baselines, actions, member[:, None])
         latent, divergence = self.encode(states, condition, step)
-        inputs = self.inputs(states[:, 0], baseline, condition, latent)[row, t]
+        inputs = self.inputs(states[:, 0], condition, latent)[row, t]
         state, change = states[row, t], baseline[row, t + 1] - baseline[row, t]
         mean, factor = (values[0] for values in self.decoder.transition(state[None], inputs[None]))
         error = (states[row, t + 1] - state - change) / scale - mean
         score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
+        correlation = projected_log_score(error, factor)
         # A large variance can lower the score of a large error, but not its squared error.
         error_of_mean = error.square().mean(0).clamp(min=MIN_SCORE**2).log().mean()
         weight = self.settings.crps.trajectory_latent_weight / states[0, 1:].numel()
         return {
-            "loss": score + error_of_mean + weight * divergence,
+            "loss": score + correlation + error_of_mean + weight * divergence,
             "loss/transitions": score,
+            "loss/correlation": correlation,
             "loss/mean": error_of_mean,
             "loss/kl": divergence,
         }
@@ -236,18 +238,17 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         past = (actions.cumsum(1) - actions) / math.sqrt(actions.shape[1])
         return baseline, torch.cat([condition, repeat_samples(past, member.shape[1])], -1)
 
-    def inputs(self, s0: Tensor, baseline: Tensor, condition: Tensor, latent: Tensor) -> Tensor:
+    def inputs(self, s0: Tensor, condition: Tensor, latent: Tensor) -> Tensor:
         """The decoder's inputs beside the state [B, T, I].
 
         Args:
             s0: [B, D].
-            baseline: b_{0:T} [B, T+1, D].
             condition: [B, T, C].
             latent: ζ [B, Z].
         """
         horizon = condition.shape[1]
         constant = torch.cat([latent, s0], -1)[:, None].expand(-1, horizon, -1)
-        return torch.cat([baseline.diff(dim=1) / self.delta_std, condition, constant], -1)
+        return torch.cat([condition, constant], -1)
 
     def rollout_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor
@@ -300,7 +301,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         if self.encoder is not None:
             latent = self.encoder.prior(latent)
         start = repeat_samples(s0, samples)
-        inputs = self.inputs(start, baseline, condition, latent)
+        inputs = self.inputs(start, condition, latent)
         rows = (start, inputs, baseline.diff(dim=1), normal)
         forecasts = self.decoder.generate(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))

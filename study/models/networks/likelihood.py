@@ -8,6 +8,9 @@ from torch import Tensor
 STD_POWER = 0.75
 """Exponent of the standard deviation in the weights of `weighted_log_score`."""
 
+PROJECTIONS = 16
+"""Directions of `projected_log_score`."""
+
 MIN_VARIANCE = 1e-10
 """Smallest variance of an error. It keeps the logarithm finite."""
 
@@ -91,6 +94,27 @@ def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
     std = variance.sqrt()
     weight = normalized_weights(std**STD_POWER)
     return (weight * (0.5 * error.square() / variance + std.log())).mean()
+
+
+def projected_log_score(error: Tensor, factor: Tensor) -> Tensor:
+    """−log N(wᵀe; 0, wᵀGᵀG w) for random directions w of standardised errors e, averaged.
+
+    `weighted_log_score` scores each dimension alone, so it does not depend on correlations. Here,
+    errors and standard deviations have no gradient, so that only the correlations are learned.
+
+    Args:
+        error: e [B, D].
+        factor: G [B, Z, D].
+
+    Returns:
+        a scalar, without its constant.
+    """
+    std = factor.detach().square().sum(1).clamp(min=MIN_VARIANCE).sqrt()
+    directions = torch.randn(error.shape[-1], PROJECTIONS, device=error.device)
+    directions = directions / directions.norm(dim=0)
+    projected = (error.detach() / std) @ directions
+    variance = ((factor / std[:, None]) @ directions).square().sum(1).clamp(min=1e-3)
+    return 0.5 * (projected.square() / variance + variance.log()).mean()
 
 
 def normalized_weights(weights: Tensor) -> Tensor:
