@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from study.common.progress import Progress
+from study.config.model_sections import Network
 from study.config.settings import Collect, Ensemble
 from study.config.stage_settings import CollectSettings, EnsembleSettings, TrainingSet
 from study.data.trajectories import Trajectories
@@ -42,6 +43,7 @@ def test_residuals_are_out_of_fold(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         TrainingSet(2, 14),
         seed=0,
         ensemble=Ensemble(members=MEMBERS, cross_fit=True, hidden_size=4, steps=8),
+        network=Network(),
     )
     ensemble.run(settings, {"data": data}, out, Progress())
     training = Trajectories.load(data / "train.safetensors")[2:16]
