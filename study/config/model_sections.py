@@ -80,7 +80,7 @@ class Crps:
     hidden_size: int = setting(64, low=1, high=10**4)
     steps: int = setting(4000, low=1, high=10**8)
     one_step_fraction: float = setting(0.8, low=0.0, high=1.0)
-    batch_size: int = setting(64, low=1, high=10**6)
+    batch_size: int = setting(32, low=1, high=10**6)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
     symmetries: str = setting("all", choices=("none", "all"))
     noise_size: int = setting(12, low=1, high=1000)

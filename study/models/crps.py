@@ -47,7 +47,7 @@ TRAJECTORIES = 12
 ROLLOUT_RATE = 0.1
 """Peak of the learning rate for rollouts, as a fraction of the peak for single transitions."""
 
-EVALUATIONS = 10
+EVALUATIONS = 5
 """Number of evaluations of the validation score during training."""
 
 
@@ -198,7 +198,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         member = torch.randint(baselines.shape[1], (len(states),), device=states.device)
         baseline, condition = self.select(baselines, actions, member[:, None])
         latent, divergence = self.encode(states, condition, step)
-        inputs = self.inputs(states[:, 0], condition, latent)[row, t]
+        inputs = torch.cat([condition[row, t], latent[row], states[row, 0]], -1)
         state, change = states[row, t], baseline[row, t + 1] - baseline[row, t]
         mean, factor = (values[0] for values in self.decoder.transition(state[None], inputs[None]))
         error = (states[row, t + 1] - state - change) / scale - mean
@@ -237,18 +237,6 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             return baseline, condition
         past = (actions.cumsum(1) - actions) / math.sqrt(actions.shape[1])
         return baseline, torch.cat([condition, repeat_samples(past, member.shape[1])], -1)
-
-    def inputs(self, s0: Tensor, condition: Tensor, latent: Tensor) -> Tensor:
-        """The decoder's inputs beside the state [B, T, I].
-
-        Args:
-            s0: [B, D].
-            condition: [B, T, C].
-            latent: ζ [B, Z].
-        """
-        horizon = condition.shape[1]
-        constant = torch.cat([latent, s0], -1)[:, None].expand(-1, horizon, -1)
-        return torch.cat([condition, constant], -1)
 
     def rollout_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor
@@ -301,7 +289,8 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         if self.encoder is not None:
             latent = self.encoder.prior(latent)
         start = repeat_samples(s0, samples)
-        inputs = self.inputs(start, condition, latent)
+        constant = torch.cat([latent, start], -1)[:, None].expand(-1, condition.shape[1], -1)
+        inputs = torch.cat([condition, constant], -1)
         rows = (start, inputs, baseline.diff(dim=1), normal)
         forecasts = self.decoder.generate(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
