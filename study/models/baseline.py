@@ -83,8 +83,8 @@ class MemberBaseline(BaselineModel[S]):
     def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
         """See `BaselineModel.condition`: c_t = [a_t, ŝ^m_{t+1}] (Figure 2, right), and its change.
 
-        The decoder adds its output to the baseline's change, and has to cancel it where it is wrong.
-        The change is in units of δ, since it is hundreds of times smaller than the state.
+        The decoder adds its output to the baseline's change, and has to cancel a wrong change. The
+        change is in units of δ, since it is hundreds of times smaller than the state.
         """
         return torch.cat([actions, baseline[:, 1:], baseline.diff(dim=1) / self.delta_std], dim=-1)
 

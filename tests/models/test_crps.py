@@ -158,11 +158,12 @@ def test_the_inputs_of_the_decoder(name: str, action_sum: bool) -> None:
     latent = torch.randn(8, LATENT)
     baselines = network.baselines(s0, actions, None)
     baseline, condition = network.select(baselines, actions, member)
-    inputs = network.inputs(s0, baseline, condition, latent)
+    inputs = network.inputs(s0, condition, latent)
     for t in range(HORIZON):
-        expected = [(baseline[:, t + 1] - baseline[:, t]) / network.delta_std, actions[:, t]]
+        expected = [actions[:, t]]
         if name == "residual_crps":
-            expected.append(baseline[:, t + 1])
+            change = (baseline[:, t + 1] - baseline[:, t]) / network.delta_std
+            expected += [baseline[:, t + 1], change]
         if action_sum:
             expected.append(actions[:, :t].sum(1) / HORIZON**0.5)
         expected += [latent, s0]
@@ -190,7 +191,8 @@ def test_a_transition_has_the_mean_of_a_forecast_step(
     data = {"states": states, "actions": actions, "members": members}
     losses = {key: float(value.detach()) for key, value in network.losses(data, 0).items()}
     assert losses["loss/mean"] < np.log(1e-8)
-    assert losses["loss"] == pytest.approx(losses["loss/transitions"] + losses["loss/mean"])
+    terms = ("loss/transitions", "loss/correlation", "loss/mean")
+    assert losses["loss"] == pytest.approx(sum(losses[term] for term in terms))
 
 
 @pytest.mark.parametrize("one_step_fraction", [0.0, 1.0])
@@ -265,7 +267,7 @@ def test_steps_with_large_changes_are_sampled_more_often(monkeypatch: pytest.Mon
     transition, conditions = network.decoder.transition, []
 
     def recorded(*arguments: Tensor) -> Any:
-        conditions.append(arguments[1][0, :, STATE])  # after the baseline's change
+        conditions.append(arguments[1][0, :, 0])  # the first of the action
         return transition(*arguments)
 
     monkeypatch.setattr(network.decoder, "transition", recorded)

@@ -31,7 +31,8 @@ def test_the_baseline_is_the_sampled_member() -> None:
     baseline, condition = network.select(baselines, actions, member[:, None])
     torch.testing.assert_close(baseline[:, 1:], members[torch.arange(8), member])
     torch.testing.assert_close(baseline[:, 0], s0)
-    torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:]], -1))
+    change = (baseline[:, 1:] - baseline[:, :-1]) / network.delta_std
+    torch.testing.assert_close(condition, torch.cat([actions, baseline[:, 1:], change], -1))
     torch.testing.assert_close(network.baselines(s0, actions, None), baselines)
     network.cvae.decoder.output.weight.data.zero_()
     noise = torch.zeros(8, 1, HORIZON, network.noise_size)

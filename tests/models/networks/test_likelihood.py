@@ -10,6 +10,7 @@ from study.models.networks.likelihood import (
     gaussian_nll,
     heteroscedastic_nll,
     optimal_variance_nll,
+    projected_log_score,
     weighted_log_score,
 )
 
@@ -100,3 +101,50 @@ def test_the_log_score_is_minimal_at_the_true_variances() -> None:
     wrong = weighted_log_score(error, (2 * std).square())
     right = weighted_log_score(error, std.square())
     assert float(wrong - right) > 0.1
+
+
+def correlated(count: int) -> tuple[Tensor, Tensor]:
+    """Errors of normal distributions N(0, GᵀG), and G [B, Z, D], of two different distributions."""
+    torch.manual_seed(0)
+    factors = torch.tensor([[[1.0, 0.9], [0.0, 0.4]], [[3.0, -1.0], [0.0, 2.0]]])
+    factor = factors.repeat(count // 2, 1, 1)
+    return torch.einsum("bz,bzd->bd", torch.randn(count, 2), factor), factor
+
+
+def test_the_projected_log_score_is_minimal_at_the_true_correlation() -> None:
+    error, factor = correlated(100_000)
+    uncorrelated = torch.diag_embed(factor.square().sum(1).sqrt())
+    reverse = factor * torch.tensor([1.0, -1.0])
+
+    def score(values: Tensor) -> float:
+        torch.manual_seed(1)
+        return float(projected_log_score(error, values))
+
+    assert score(factor) < score(uncorrelated) - 0.05
+    assert score(uncorrelated) < score(reverse) - 0.05
+    # Another factor of the same covariance has the same score.
+    rotation = torch.linalg.qr(torch.randn(2, 2))[0]
+    assert abs(score(rotation @ factor) - score(factor)) < 1e-4
+    factor.requires_grad_()
+    projected_log_score(error, factor).backward()
+    assert factor.grad is not None
+    assert factor.grad.sum(0).abs().max() < 0.01
+
+
+def test_the_projected_log_score_does_not_depend_on_units() -> None:
+    error, factor = correlated(1000)
+    units = torch.tensor([1e-3, 20.0])
+    scores = []
+    for unit in (torch.ones(2), units):
+        torch.manual_seed(1)
+        scores.append(projected_log_score(error * unit, factor * unit))
+    torch.testing.assert_close(scores[1], scores[0], rtol=1e-4, atol=1e-5)
+
+
+def test_the_projected_log_score_does_not_train_the_mean() -> None:
+    error, factor = correlated(1000)
+    for values in (error, factor):
+        values.requires_grad_()
+    projected_log_score(error, factor).backward()
+    assert error.grad is None
+    assert factor.grad is not None
