@@ -15,6 +15,7 @@ from study.config.grid import Cell
 from study.config.model_sections import Crps, Network
 from study.config.settings import Config, Train
 from study.models.crps import (
+    EVALUATIONS,
     TRAJECTORIES,
     CrpsModel,
     CrpsSettings,
@@ -151,14 +152,22 @@ def test_without_a_latent_variable_there_is_no_encoder(name: str) -> None:
 
 @pytest.mark.parametrize("action_sum", [True, False])
 @pytest.mark.parametrize("name", NAMES)
-def test_the_inputs_of_the_decoder(name: str, action_sum: bool) -> None:
+def test_the_inputs_of_the_decoder(
+    name: str, action_sum: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     network = crps(name, action_sum=action_sum)
+    generate, observed = network.decoder.generate, []
+
+    def recorded(s0: Tensor, inputs: Tensor, *rest: Tensor) -> Tensor:
+        observed.append(inputs[0])
+        return generate(s0, inputs, *rest)
+
+    monkeypatch.setattr(network.decoder, "generate", recorded)
     data, member = batch(), torch.randint(network.members_count(), (8, 1))
     s0, actions = data["states"][:, 0], data["actions"]
-    latent = torch.randn(8, LATENT)
-    baselines = network.baselines(s0, actions, None)
-    baseline, condition = network.select(baselines, actions, member)
-    inputs = network.inputs(s0, condition, latent)
+    noise = torch.randn(8, 1, HORIZON, NOISE)
+    network.sample(s0, actions, noise, member)
+    baseline = network.baselines(s0, actions, None)[torch.arange(8), member[:, 0]]
     for t in range(HORIZON):
         expected = [actions[:, t]]
         if name == "residual_crps":
@@ -166,9 +175,8 @@ def test_the_inputs_of_the_decoder(name: str, action_sum: bool) -> None:
             expected += [baseline[:, t + 1], change]
         if action_sum:
             expected.append(actions[:, :t].sum(1) / HORIZON**0.5)
-        expected += [latent, s0]
-        torch.testing.assert_close(inputs[:, t], torch.cat(expected, -1))
-    assert inputs.shape[-1] == network.decoder.architecture.inputs
+        expected += [network.encoder.prior(noise[:, 0, 0, :LATENT]), s0]
+        torch.testing.assert_close(observed[0][:, t], torch.cat(expected, -1))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -321,7 +329,7 @@ def test_the_training_options_are_those_of_the_section_crps() -> None:
         learning_rate=0.02,
         weight_decay=train.weight_decay,
         symmetries="all",
-        validate_every=250,
+        validate_every=2505 // EVALUATIONS,
         patience=2505,
         accelerator=train.accelerator,
     )
