@@ -47,6 +47,9 @@ TRAJECTORIES = 12
 ROLLOUT_RATE = 0.1
 """Peak of the learning rate for rollouts, as a fraction of the peak for single transitions."""
 
+WARM_UP_FRACTION = 0.3
+"""Fraction of the steps on single transitions during which the KL divergence is weighted less."""
+
 EVALUATIONS = 5
 """Number of evaluations of the validation score during training."""
 
@@ -206,7 +209,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         correlation = projected_log_score(error, factor)
         # A large variance can lower the score of a large error, but not its squared error.
         error_of_mean = error.square().mean(0).clamp(min=MIN_SCORE**2).log().mean()
-        weight = self.settings.crps.trajectory_latent_weight / states[0, 1:].numel()
+        weight = self.latent_weight(step) / states[0, 1:].numel()
         return {
             "loss": score + correlation + error_of_mean + weight * divergence,
             "loss/transitions": score,
@@ -214,6 +217,14 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             "loss/mean": error_of_mean,
             "loss/kl": divergence,
         }
+
+    def latent_weight(self, step: int) -> float:
+        """The weight of the KL divergence of ζ, which rises linearly at first.
+
+        With the full weight from the start, the posterior may collapse before ζ has an effect.
+        """
+        warm_up = WARM_UP_FRACTION * self.first_rollout_step()
+        return self.settings.crps.trajectory_latent_weight * min(1.0, (step + 1) / (warm_up + 1))
 
     def encode(self, states: Tensor, condition: Tensor, step: int) -> tuple[Tensor, Tensor]:
         """ζ [B, Z] of training trajectories, and the mean of its KL divergence.
