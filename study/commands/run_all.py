@@ -118,7 +118,7 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
     parallel = min(workers(engine), len(due))
     say(terminal, f"{stages} to run, {parallel} at a time; results in {store.root.parent}")
     if compiler.find() is None:
-        say(terminal, "no C compiler: recurrent networks run in plain torch, at half the speed")
+        say(terminal, "no C compiler: networks are unrolled in plain torch, at half the speed")
     return run_displayed(due, engine, store, terminal)
 
 

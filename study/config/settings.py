@@ -111,8 +111,8 @@ class Tune:
     """
 
     trials: int = setting(4, low=1, high=10**5)
-    beta_low: float = setting(0.3, low=1e-12)
-    beta_high: float = setting(100.0, low=1e-12)
+    beta_low: float = setting(0.1, low=1e-12)
+    beta_high: float = setting(1000.0, low=1e-12)
     steps: int = setting(200, low=1, high=10**8)
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
@@ -142,7 +142,7 @@ class Train:
 
     steps: int = setting(1200, low=1, high=10**8)
     batch_size: int = setting(12, low=1, high=10**6)
-    learning_rate: float = setting(8e-3, low=1e-8, high=1.0)
+    learning_rate: float = setting(1.6e-2, low=1e-8, high=1.0)
     weight_decay: float = setting(100.0, low=0.0)
     symmetries: str = setting("none", choices=("none", "all"))
     validate_every: int = setting(150, low=1, high=10**8)

@@ -12,7 +12,7 @@ import torch
 from study.common.provenance import versions
 from study.models.unroll import compiler
 
-PLAIN = "none: recurrent networks run in plain torch"
+PLAIN = "none: networks are unrolled in plain torch"
 
 
 def runtime() -> Mapping[str, Any]:

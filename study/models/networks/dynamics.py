@@ -27,9 +27,6 @@ INPUT_GAIN = 3.0
 """Factor on the initial weights of the stem. A contact of a peg and a ball happens within
 hundredths of the range of the states. An initially smooth network learns contacts slowly."""
 
-RANGE_MARGIN = 0.02
-"""Fraction of the range of the training states by which a forecast may exceed that range."""
-
 MAX_ROWS = 240
 """Largest number of trajectories in one batch of forecasts. It bounds the memory."""
 
@@ -92,8 +89,8 @@ class DynamicsNetwork(nn.Module):
       cos 2ψ: the rates of such an angle depend on the heading.
     - k is 1 and u is δ, the standard deviation of a state's change over one step, or k is 0 and
       u is 1: see `Architecture.delta`. The offset is a baseline, or its change.
-    - In a rollout, states stay within the range of the training states and a margin. So a sinking
-      flight ends on the ground, and a state that is fed back cannot diverge.
+    - In a rollout, states stay within the range of the training states. So a sinking flight ends on
+      the ground, and a state that is fed back cannot diverge.
 
     With `Architecture.product` off, f(s) = s and S = 0. Then y_t = h_{t+1} with memory, and
     p_t = silu(x_t B + b) without it.
@@ -151,11 +148,10 @@ class DynamicsNetwork(nn.Module):
 
     @torch.no_grad()
     def set_range(self, states: Tensor) -> None:
-        """Keep rollouts within the range of `states` [..., D] and a margin."""
+        """Keep rollouts within the range of `states` [..., D]."""
         lowest, highest = torch.aminmax(states.flatten(0, -2), dim=0)
-        margin = RANGE_MARGIN * (highest - lowest)
-        self.lowest.copy_(lowest - margin)
-        self.highest.copy_(highest + margin)
+        self.lowest.copy_(lowest)
+        self.highest.copy_(highest)
 
     def step(
         self, state: Tensor, inputs: Tensor, hidden: Tensor | None = None
@@ -260,7 +256,9 @@ class DynamicsNetwork(nn.Module):
         """See `rollout`. Terms that do not depend on the state are computed for all steps first."""
         weight, bias = self._weight_of_x()
         features_weight, inputs_weight = weight.split([self.features_size, inputs.shape[-1]], 1)
-        terms = inputs @ inputs_weight[:, None] + bias[:, None]
+        # One product for all rows: a broadcast of the weights would copy them for every row.
+        terms = torch.baddbmm(bias, inputs.flatten(1, 2), inputs_weight)
+        terms = terms.unflatten(1, inputs.shape[1:3])
         terms = torch.cat([terms[..., : self.size] + offset, terms[..., self.size :]], -1)
         if self.architecture.delta:  # adds s_t to l
             identity = torch.eye(self.features_size, self.size, device=s0.device)

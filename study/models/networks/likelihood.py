@@ -99,8 +99,8 @@ def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
 def projected_log_score(error: Tensor, factor: Tensor) -> Tensor:
     """−log N(wᵀe; 0, wᵀGᵀG w) for random directions w of standardised errors e, averaged.
 
-    `weighted_log_score` scores each dimension alone, so it does not depend on correlations. Here,
-    errors and standard deviations have no gradient, so that only the correlations are learned.
+    `weighted_log_score` scores each dimension alone, so it does not depend on correlations. Here
+    the errors have no gradient, so that the mean is learned by that score alone.
 
     Args:
         error: e [B, D].

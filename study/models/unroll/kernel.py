@@ -118,7 +118,7 @@ def library() -> ctypes.CDLL | None:
     try:
         compiled = ctypes.CDLL(str(compiler.build(SOURCE, path)))
     except OSError as error:
-        _log.warning("recurrent networks run in plain torch: %s", error)
+        _log.warning("networks are unrolled in plain torch: %s", error)
         return None
     for name, arrays in _ARRAYS.items():
         function = getattr(compiled, name)
