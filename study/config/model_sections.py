@@ -16,12 +16,9 @@ class Network:
     Args:
         features: products of the inputs, the sine and cosine of headings, and residual layers
             (`product`); or the inputs alone, as the paper's text reads (`none`).
-        covariance: of the normal noise of VAEs and MLPs: `full`, or `diagonal`, as the paper's text
-            reads.
     """
 
     features: str = setting("product", choices=("product", "none"))
-    covariance: str = setting("full", choices=("full", "diagonal"))
 
 
 @section("vae")

@@ -121,4 +121,4 @@ def one_step(
     means, log_std = model.cvae.decode(
         states[:, 0], baseline[:, : step + 2], condition[:, : step + 1], latent, history
     )
-    return means[:, -1], model.cvae.decoder.covariance.diagonal() * torch.exp(2 * log_std[:, -1])
+    return means[:, -1], model.cvae.decoder.variance * torch.exp(2 * log_std[:, -1])

@@ -44,8 +44,7 @@ class ProbabilisticMlp(Model[MlpSettings]):
             product=settings.network.features == "product",
             layers=settings.mlp.layers - 1,
         )
-        diagonal = settings.network.covariance == "diagonal"
-        self.network = GaussianDynamics(normalization, architecture, diagonal=diagonal)
+        self.network = GaussianDynamics(normalization, architecture)
 
     def on_training_data(self, states: Tensor) -> None:
         """See `Model.on_training_data`: the network stores the range of the training states."""

@@ -58,7 +58,6 @@ class VaeModel(BaselineModel[VaeSettings]):
             vae.latent_size,
             homoscedastic=vae.variance == "homoscedastic",
             uses_target=vae.encoder == "target",
-            diagonal=settings.network.covariance == "diagonal",
         )
 
     def on_training_data(self, states: Tensor) -> None:
@@ -139,5 +138,6 @@ class VaeModel(BaselineModel[VaeSettings]):
         else:
             forecasts, log_std = self.cvae.decode(*inputs)
             if self.samples_output:
-                forecasts = forecasts + torch.exp(log_std) * self.cvae.decoder.noise(normal)
+                std = self.cvae.decoder.variance.sqrt() * torch.exp(log_std)
+                forecasts = forecasts + std * normal
         return forecasts.unflatten(0, (-1, samples))

@@ -36,7 +36,6 @@ class RecurrentCvae(nn.Module):
         latent_size: Z.
         homoscedastic: see `GaussianDynamics`.
         uses_target: whether the target x_{t+1} is an input of the encoder.
-        diagonal: see `GaussianDynamics`.
     """
 
     def __init__(
@@ -46,11 +45,10 @@ class RecurrentCvae(nn.Module):
         latent_size: int,
         homoscedastic: bool = False,
         uses_target: bool = True,
-        diagonal: bool = False,
     ) -> None:
         super().__init__()
         self.uses_target, self.delta = uses_target, architecture.delta
-        self.decoder = GaussianDynamics(normalization, architecture, homoscedastic, diagonal)
+        self.decoder = GaussianDynamics(normalization, architecture, homoscedastic)
         states, condition_size = self.decoder.size, architecture.inputs - latent_size
         input_size = states * (2 if uses_target else 1) + condition_size
         hidden_size = architecture.memory_size

@@ -9,42 +9,33 @@ from study.models.networks.likelihood import heteroscedastic_nll
 from study.models.networks.linear import StackedLinear
 from study.models.unroll.unroll import bounded
 
-COVARIANCE_RATE = 0.05
-"""Weight of the last batch in the running mean Σ."""
-
-MIN_VARIANCE = 1e-8
-"""Added to the variance of each dimension before Σ is factorised, relative to it."""
+VARIANCE_RATE = 0.05
+"""Weight of the last batch in the running mean σ²."""
 
 
 class GaussianDynamics(DynamicsNetwork):
-    """p_θ(s_{t+1} | s_{0:t}; i_{0:t}) = N(ŝ_{t+1}, E Σ E),   E = diag exp(w_{t+1}).
+    """p_θ(s_{t+1} | s_{0:t}; i_{0:t}) = N(ŝ_{t+1}, σ² exp(2 w_{t+1})).
 
         w_{t+1} = B tanh((y_t W + v) / B)
 
-    ŝ and y are those of `DynamicsNetwork`. Σ is the mean of εᵀε over training, of the errors
-    ε = (s − ŝ) / exp(w): the covariance of the largest likelihood. It is diagonal on request. w
-    makes the variance heteroscedastic: larger for a flight in wind than for a ball at rest, for
-    example. w is bounded, so that noise that is fed back cannot grow without limit.
+    ŝ and y are those of `DynamicsNetwork`. σ² has one value for each dimension: the mean of the
+    squared errors of training, each divided by exp(2 w). w makes the variance heteroscedastic:
+    larger for a flight in wind than for a ball at rest, for example. w is bounded, so that noise
+    that is fed back cannot grow without limit.
 
     Args:
         normalization, architecture: see `DynamicsNetwork`.
         homoscedastic: whether w is always 0.
-        diagonal: whether Σ is diagonal.
     """
 
-    covariance: Tensor
-    """Σ [D, D], a running mean over batches: see `nll`."""
+    variance: Tensor
+    """σ² [D], a running mean over batches: see `nll`."""
 
     def __init__(
-        self,
-        normalization: Normalization,
-        architecture: Architecture,
-        homoscedastic: bool = False,
-        diagonal: bool = False,
+        self, normalization: Normalization, architecture: Architecture, homoscedastic: bool = False
     ) -> None:
         super().__init__(normalization, architecture)
-        self.diagonal = diagonal
-        self.register_buffer("covariance", torch.eye(self.size))
+        self.register_buffer("variance", torch.ones_like(self.unit))
         self.log_std = StackedLinear(architecture.networks, self.width, self.size)
         nn.init.zeros_(self.log_std.weight)
         self.log_std.requires_grad_(not homoscedastic)
@@ -78,19 +69,15 @@ class GaussianDynamics(DynamicsNetwork):
             s0, inputs, offset, hidden: see `rollout`.
             normal: standard normal numbers [M, B, T, D].
         """
-        return self.rollout(s0, inputs, offset, hidden, noise=self.noise(normal))[0]
-
-    def noise(self, normal: Tensor) -> Tensor:
-        """Noise [..., D] with the covariance Σ from standard normal numbers [..., D]."""
-        floor = MIN_VARIANCE * torch.diag(self.covariance.diagonal())
-        return normal @ torch.linalg.cholesky(self.covariance + floor).mT
+        noise = normal * self.variance.sqrt()
+        return self.rollout(s0, inputs, offset, hidden, noise=noise)[0]
 
     def log_std_of(self, top: Tensor) -> Tensor:
         """w [M, B, T, D] from y [M, B, T, W]."""
         return bounded(self._linear(self.log_std, top))
 
     def nll(self, error: Tensor, log_std: Tensor, step: int, weighted: bool = True) -> Tensor:
-        """The negative log-likelihood of a batch for a diagonal Σ that is optimal; updates Σ.
+        """The negative log-likelihood of a batch, at the optimal σ²; updates the running σ².
 
         Args:
             error: s − ŝ [..., D].
@@ -102,12 +89,8 @@ class GaussianDynamics(DynamicsNetwork):
             a scalar: the sum over dimensions, averaged over the rest.
         """
         nll, variance = heteroscedastic_nll(error, log_std, weighted)
-        # The loss uses the optimal variances of each batch. Forecasts need Σ of all data.
-        covariance = torch.diag(variance)
-        if not self.diagonal:
-            standardized = (error * torch.exp(-log_std)).detach().flatten(0, -2)
-            covariance = standardized.mT @ standardized / len(standardized)
-        self.covariance.lerp_(covariance, max(COVARIANCE_RATE, 1 / (step + 1)))
+        # The loss uses the optimal σ² of each batch. Forecasts need σ² of all data.
+        self.variance.lerp_(variance, max(VARIANCE_RATE, 1 / (step + 1)))
         return nll.sum()
 
     def _log_std_weights(self) -> tuple[Tensor, Tensor]:
