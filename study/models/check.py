@@ -98,6 +98,7 @@ class _Check:
         if model_class.uses_ensemble:
             small = RnnEnsembleSettings(Ensemble(members=2, hidden_size=8))
             self.ensemble = RnnEnsemble(normalization, small).eval()
+            self.ensemble.on_training_data(self.states)
         self.model = self.build()
         count = min(SCENARIOS, len(self.states))
         self.shape = (count, SAMPLES, self.horizon, self.states.shape[-1])

@@ -116,6 +116,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
             inputs=condition_size + latent_size + self.state_size,
             width=crps.hidden_size,
             memory=False,
+            linear_start=False,
             product=settings.network.features == "product",
         )
         self.decoder = GeneratorDynamics(

@@ -63,12 +63,15 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
             self.member_of(choice[..., 0]).unbind(1),
             strict=True,
         )
-        state, states = repeat_samples(s0, samples), []
+        start, states = repeat_samples(s0, samples), []
+        state = start
         for action, normal_t, member_t in steps:
             next_state = torch.empty_like(state)
             for index, model in enumerate(self.member_models()):
                 rows = torch.nonzero(member_t == index)[:, 0]
-                next_state[rows] = model.step(state[rows], action[rows], normal_t[rows])
+                next_state[rows] = model.step(
+                    state[rows], action[rows], normal_t[rows], start[rows]
+                )
             state = next_state
             states.append(state)
         return torch.stack(states, dim=1).unflatten(0, (-1, samples))

@@ -25,7 +25,7 @@ class MlpSettings:
 
 @models.register("probabilistic_mlp")
 class ProbabilisticMlp(Model[MlpSettings]):
-    """s_{t+1} ~ N(s_t + δ μ(s_t, a_t), σ²(s_t, a_t)), sampled and fed back.
+    """s_{t+1} ~ N(s_t + δ (μ(s_t, a_t) + s_0 R), σ²(s_t, a_t)), sampled and fed back.
 
     δ is the standard deviation of a state's change over one step. For some components it is
     hundreds of times smaller than the standard deviation of the state, so the network's output is
@@ -68,13 +68,15 @@ class ProbabilisticMlp(Model[MlpSettings]):
         forecasts = self.network.sample_rollout(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
 
-    def step(self, state: Tensor, action: Tensor, normal: Tensor) -> Tensor:
-        """A sample of s_{t+1} [..., D].
+    def step(self, state: Tensor, action: Tensor, normal: Tensor, s0: Tensor) -> Tensor:
+        """A sample of s_{t+1} [B, D].
 
         Args:
-            state: s_t [..., D].
-            action: a_t [..., A].
-            normal: standard normal numbers [..., D].
+            state: s_t [B, D].
+            action: a_t [B, A].
+            normal: standard normal numbers [B, D].
+            s0: [B, D].
         """
         rows = (state, action[:, None], torch.zeros_like(normal)[:, None], normal[:, None])
-        return self.network.sample_rollout(*(values[None] for values in rows))[0, :, 0]
+        sampled = self.network.sample_rollout(*(values[None] for values in rows), start=s0[None])
+        return sampled[0, :, 0]

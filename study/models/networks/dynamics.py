@@ -43,6 +43,7 @@ class Architecture:
         product: whether the stem is a product, and headings are features. Without it, a network
             with memory has neither stem nor layers, and the stem of one without memory is a layer.
         layers: residual layers after the stem.
+        linear_start: whether the output depends linearly on s_0; only with `product`.
         delta: whether the output is the state's change, in units of δ, or the state itself.
         networks: M, the number of independent networks that are computed together.
     """
@@ -53,6 +54,7 @@ class Architecture:
     start: int = 0
     product: bool = True
     layers: int = 2
+    linear_start: bool = True
     delta: bool = True
     networks: int = 1
 
@@ -81,18 +83,20 @@ class DynamicsNetwork(nn.Module):
         h_0 = tanh([s_0, start] W_0 + w_0)
         y_t = p_t + [h_{t+1}, p_t] M + m
         y_t ← y_t + silu(y_t L_i + l_i)                     i = 1 … L
-        s_{t+1} = k s_t + offset_t + u · (x_t S + y_t O + o)
+        s_{t+1} = k s_t + offset_t + u · (x_t S + s_0 R + y_t O + o)
 
     - The product of two linear maps (Shazeer, arXiv:2002.05202) represents distances, and
       velocities of points on rotating bodies, in one layer.
     - The features f(s) are s and, for each angle ψ of `study.data.frames`, sin ψ, cos ψ, sin 2ψ and
       cos 2ψ: the rates of such an angle depend on the heading.
+    - s_0 has an effect since a variable may return to its initial value (a wind to its mean). Through
+      the stem it would identify the trajectory, and the training trajectories would be memorised.
     - k is 1 and u is δ, the standard deviation of a state's change over one step, or k is 0 and
       u is 1: see `Architecture.delta`. The offset is a baseline, or its change.
     - In a rollout, states stay within the range of the training states. So a sinking flight ends on
       the ground, and a state that is fed back cannot diverge.
 
-    With `Architecture.product` off, f(s) = s and S = 0. Then y_t = h_{t+1} with memory, and
+    With `Architecture.product` off, f(s) = s, S = 0 and R = 0. Then y_t = h_{t+1} with memory, and
     p_t = silu(x_t B + b) without it.
 
     Args:
@@ -132,6 +136,10 @@ class DynamicsNetwork(nn.Module):
         if architecture.product:
             self.skip = StackedLinear(count, x, size, bias=False)
             nn.init.zeros_(self.skip.weight)
+        self.start_skip = None
+        if architecture.product and architecture.linear_start:
+            self.start_skip = StackedLinear(count, size, size, bias=False)
+            nn.init.zeros_(self.start_skip.weight)
         if stem:
             self.stem = StackedLinear(count, x, stem * (2 if architecture.product else 1))
         if architecture.product:
@@ -198,10 +206,17 @@ class DynamicsNetwork(nn.Module):
     def mean(
         self, state: Tensor, inputs: Tensor, offset: Tensor, hidden: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """ŝ_{t+1} of given states, and y: see `step`; offset [M, B, T, D]."""
+        """ŝ_{t+1} of given states from s_0 on, and y: see `step`; offset [M, B, T, D]."""
         output, top = self.step(state, inputs, hidden)
         previous = state if self.architecture.delta else 0.0
+        offset = self._add_start(offset, state[:, :, 0])
         return previous + offset + self.unit * output, top
+
+    def _add_start(self, offset: Tensor, start: Tensor) -> Tensor:
+        """offset_t + u · s_0 R [M, B, T, D] from offset [M, B, T, D] and s_0 [M, B, D]."""
+        if self.start_skip is None:
+            return offset
+        return offset + (self.unit * self.start_skip(start))[:, :, None]
 
     def rollout(
         self,
@@ -212,6 +227,7 @@ class DynamicsNetwork(nn.Module):
         gain: Tensor | None = None,
         noise: Tensor | None = None,
         return_tops: bool = False,
+        start: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """s_{1:T} and y_{1:T}, each step from the state that was predicted last.
 
@@ -223,10 +239,12 @@ class DynamicsNetwork(nn.Module):
             gain: multiplicative noise [M, B, T, W]; see `generator.py`.
             noise: additive noise [M, B, T, D]; see `gaussian.py`.
             return_tops: whether y is needed. If not, it may be empty.
+            start: the trajectory's s_0 [M, B, D], if the rollout begins at a later state.
 
         Returns:
             [M, B, T, D] and [M, B, T, W].
         """
+        offset = self._add_start(offset, s0 if start is None else start)
         if hidden is None:
             hidden = s0[..., :0]
         values = (s0, inputs, offset, hidden, gain, noise)

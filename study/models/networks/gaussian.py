@@ -62,15 +62,16 @@ class GaussianDynamics(DynamicsNetwork):
         offset: Tensor,
         normal: Tensor,
         hidden: Tensor | None = None,
+        start: Tensor | None = None,
     ) -> Tensor:
         """Sampled states s_{1:T} [M, B, T, D]. Each state is sampled from p_θ and fed back.
 
         Args:
-            s0, inputs, offset, hidden: see `rollout`.
+            s0, inputs, offset, hidden, start: see `rollout`.
             normal: standard normal numbers [M, B, T, D].
         """
         noise = normal * self.variance.sqrt()
-        return self.rollout(s0, inputs, offset, hidden, noise=noise)[0]
+        return self.rollout(s0, inputs, offset, hidden, noise=noise, start=start)[0]
 
     def log_std_of(self, top: Tensor) -> Tensor:
         """w [M, B, T, D] from y [M, B, T, W]."""
