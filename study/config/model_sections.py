@@ -14,14 +14,11 @@ class Network:
     """The dynamics network of every model: see `study/models/networks/dynamics.py`.
 
     Args:
-        features: products of the inputs, the sine and cosine of headings, a linear term of s_0, and
-            residual layers (`product`); or the inputs alone, as the paper's text reads (`none`).
-        action_sum: the sum of all past actions is an input, for systems whose controller
-            integrates an error.
+        features: products of the inputs, the sine and cosine of headings, and residual layers
+            (`product`); or the inputs alone, as the paper's text reads (`none`).
     """
 
     features: str = setting("product", choices=("product", "none"))
-    action_sum: bool = True
 
 
 @section("vae")
@@ -74,6 +71,8 @@ class Crps:
         trajectory_latent_size: components of a latent variable of the whole trajectory, which
             stands for unobserved constants. An encoder of training trajectories finds it.
         trajectory_latent_weight: weight of its KL divergence.
+        action_sum: the sum of all past actions is an input, for systems whose controller
+            integrates an error.
         samples: forecasts of each training trajectory that are scored together.
         energy_weight: weight of the energy score of the joint state.
     """
@@ -87,6 +86,7 @@ class Crps:
     noise_size: int = setting(12, low=1, high=1000)
     trajectory_latent_size: int = setting(1, low=0, high=1000)
     trajectory_latent_weight: float = setting(40.0, low=0.0)
+    action_sum: bool = True
     samples: int = setting(4, low=2, high=10**4)
     energy_weight: float = setting(0.3, low=0.0)
 

@@ -36,14 +36,6 @@ class BaselineModel(Model[S]):
             actions: [B, T, A].
         """
 
-    def action_inputs_size(self) -> int:
-        """The size of `action_inputs`."""
-        return self.action_size
-
-    def action_inputs(self, actions: Tensor) -> Tensor:
-        """What the decoder sees of the actions: [B, T, `action_inputs_size()`] from [B, T, A]."""
-        return actions
-
     def select(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
         """The baseline b_{0:T} [S·K, T+1, D] and the condition [S·K, T, C] of each sample.
 
@@ -72,7 +64,7 @@ class MemberBaseline(BaselineModel[S]):
 
     def condition_size(self) -> int:
         """See `BaselineModel.condition_size`."""
-        return self.action_inputs_size() + 2 * self.state_size
+        return self.action_size + 2 * self.state_size
 
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
         """See `BaselineModel.baselines`: b_0 = s_0 and b_{1:T} = ŷ_m.
@@ -94,8 +86,7 @@ class MemberBaseline(BaselineModel[S]):
         The decoder adds its output to the baseline's change, and has to cancel a wrong change. The
         change is in units of δ, since it is hundreds of times smaller than the state.
         """
-        change = baseline.diff(dim=1) / self.delta_std
-        return torch.cat([self.action_inputs(actions), baseline[:, 1:], change], dim=-1)
+        return torch.cat([actions, baseline[:, 1:], baseline.diff(dim=1) / self.delta_std], dim=-1)
 
 
 class ZeroBaseline(BaselineModel[S]):
@@ -103,7 +94,7 @@ class ZeroBaseline(BaselineModel[S]):
 
     def condition_size(self) -> int:
         """See `BaselineModel.condition_size`."""
-        return self.action_inputs_size()
+        return self.action_size
 
     def baselines(self, s0: Tensor, actions: Tensor, members: Tensor | None) -> Tensor:
         """See `BaselineModel.baselines`: b = 0, of one member."""
@@ -111,4 +102,4 @@ class ZeroBaseline(BaselineModel[S]):
 
     def condition(self, baseline: Tensor, actions: Tensor) -> Tensor:
         """See `BaselineModel.condition`: c_t = a_t."""
-        return self.action_inputs(actions)
+        return actions

@@ -29,7 +29,6 @@ from study.config.model_sections import Crps, Network
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
-from study.models.networks.actions import action_inputs, action_inputs_size
 from study.models.networks.dynamics import Architecture
 from study.models.networks.generator import GeneratorDynamics
 from study.models.networks.likelihood import projected_log_score, weighted_log_score
@@ -93,9 +92,13 @@ class CrpsSettings:
 class CrpsModel(BaselineModel[CrpsSettings]):
     """A decoder with noise inputs that adds to a baseline. A subclass defines the baseline.
 
-    Inputs beside the state are the condition, a latent variable ζ of the whole trajectory
-    (`TrajectoryEncoder`), and s_0. A variable may return to its initial value (a wind to its mean),
-    and the size of its fluctuations may depend on that value.
+    Inputs beside the state are the condition, the sum of all past actions, a latent variable ζ of
+    the whole trajectory (`TrajectoryEncoder`), and s_0:
+
+    - A controller that integrates an error, such as an autopilot's, depends on past set-points. The
+      difference between their sum and the distance travelled is that integral.
+    - A variable may return to its initial value (a wind to its mean), and the size of its
+      fluctuations may depend on that value.
 
     Training begins with single transitions, from which contacts of hundredths of a second can be
     learned. Rollouts follow, from which the growth of errors is learned.
@@ -108,7 +111,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         crps = settings.crps
         latent_size = crps.trajectory_latent_size
         self.noise_size = latent_size + crps.noise_size
-        condition_size = self.condition_size()
+        condition_size = self.condition_size() + (self.action_size if crps.action_sum else 0)
         architecture = Architecture(
             inputs=condition_size + latent_size + self.state_size,
             width=crps.hidden_size,
@@ -239,13 +242,13 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         self.encoder.update_prior(latent, step)
         return latent, divergence.mean()
 
-    def action_inputs_size(self) -> int:
-        """See `BaselineModel.action_inputs_size`."""
-        return action_inputs_size(self.settings.network, self.action_size)
-
-    def action_inputs(self, actions: Tensor) -> Tensor:
-        """See `BaselineModel.action_inputs`."""
-        return action_inputs(self.settings.network, actions)
+    def select(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
+        """See `BaselineModel.select`; the condition includes Σ_{τ<t} a_τ / √T [S·K, T, A]."""
+        baseline, condition = super().select(baselines, actions, member)
+        if not self.settings.crps.action_sum:
+            return baseline, condition
+        past = (actions.cumsum(1) - actions) / math.sqrt(actions.shape[1])
+        return baseline, torch.cat([condition, repeat_samples(past, member.shape[1])], -1)
 
     def rollout_losses(
         self, states: Tensor, actions: Tensor, baselines: Tensor

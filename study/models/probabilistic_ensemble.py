@@ -17,7 +17,6 @@ from study.config.model_sections import ProbabilisticEnsemble
 from study.data.normalization import Normalization
 from study.models.base import models
 from study.models.model_ensemble import EnsembleOfModels, EnsembleOfModelsSettings
-from study.models.networks.actions import action_inputs
 from study.models.probabilistic_mlp import MlpSettings, ProbabilisticMlp
 from study.models.sampling import repeat_samples
 
@@ -59,19 +58,19 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
         samples = member.shape[1]
         normal, choice = noise.flatten(0, 1).tensor_split([-1], dim=-1)
         steps = zip(
-            repeat_samples(action_inputs(self.settings.network, actions), samples).unbind(1),
+            repeat_samples(actions, samples).unbind(1),
             normal.unbind(1),
             self.member_of(choice[..., 0]).unbind(1),
             strict=True,
         )
         start, states = repeat_samples(s0, samples), []
         state = start
-        for inputs, normal_t, member_t in steps:
+        for action, normal_t, member_t in steps:
             next_state = torch.empty_like(state)
             for index, model in enumerate(self.member_models()):
                 rows = torch.nonzero(member_t == index)[:, 0]
                 next_state[rows] = model.step(
-                    state[rows], inputs[rows], normal_t[rows], start[rows]
+                    state[rows], action[rows], normal_t[rows], start[rows]
                 )
             state = next_state
             states.append(state)

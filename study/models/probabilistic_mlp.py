@@ -9,7 +9,6 @@ from study.config.model_sections import Mlp, Network
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.base import Model, models
-from study.models.networks.actions import action_inputs, action_inputs_size
 from study.models.networks.dynamics import Architecture
 from study.models.networks.gaussian import GaussianDynamics
 from study.models.sampling import repeat_samples
@@ -39,7 +38,7 @@ class ProbabilisticMlp(Model[MlpSettings]):
         super().__init__(normalization, settings)
         self.noise_size = self.state_size
         architecture = Architecture(
-            inputs=action_inputs_size(settings.network, self.action_size),
+            inputs=self.action_size,
             width=settings.mlp.hidden_size,
             memory=False,
             product=settings.network.features == "product",
@@ -57,29 +56,27 @@ class ProbabilisticMlp(Model[MlpSettings]):
         states, weighted = batch["states"], self.settings.mlp.loss == "beta_nll"
         before, after = states[None, :, :-1], states[None, :, 1:]
         offset = torch.zeros_like(before)
-        inputs = action_inputs(self.settings.network, batch["actions"][None])
-        mean, log_std = self.network.predict(before, inputs, offset)
+        mean, log_std = self.network.predict(before, batch["actions"][None], offset)
         return {"loss": self.network.nll(after - mean, log_std, step, weighted)}
 
     def sample(self, s0: Tensor, actions: Tensor, noise: Tensor, member: Tensor) -> Tensor:
         """See `Model.sample`: ancestral sampling, step by step."""
         samples = member.shape[1]
-        start = repeat_samples(s0, samples)
-        inputs = repeat_samples(action_inputs(self.settings.network, actions), samples)
+        start, inputs = repeat_samples(s0, samples), repeat_samples(actions, samples)
         normal = noise.flatten(0, 1)
         rows = (start, inputs, torch.zeros_like(normal), normal)
         forecasts = self.network.sample_rollout(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
 
-    def step(self, state: Tensor, inputs: Tensor, normal: Tensor, s0: Tensor) -> Tensor:
+    def step(self, state: Tensor, action: Tensor, normal: Tensor, s0: Tensor) -> Tensor:
         """A sample of s_{t+1} [B, D].
 
         Args:
             state: s_t [B, D].
-            inputs: see `action_inputs`, of one step [B, C].
+            action: a_t [B, A].
             normal: standard normal numbers [B, D].
             s0: [B, D].
         """
-        rows = (state, inputs[:, None], torch.zeros_like(normal)[:, None], normal[:, None])
+        rows = (state, action[:, None], torch.zeros_like(normal)[:, None], normal[:, None])
         sampled = self.network.sample_rollout(*(values[None] for values in rows), start=s0[None])
         return sampled[0, :, 0]

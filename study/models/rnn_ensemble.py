@@ -9,7 +9,6 @@ from study.config.model_sections import Network
 from study.config.settings import Ensemble, Train
 from study.data.normalization import Normalization
 from study.models.base import Model
-from study.models.networks.actions import action_inputs, action_inputs_size
 from study.models.networks.dynamics import Architecture, DynamicsNetwork
 from study.models.networks.likelihood import optimal_variance_nll
 
@@ -51,7 +50,7 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         count, hidden_size = settings.ensemble.members, settings.ensemble.hidden_size
         self.data_streams = count
         architecture = Architecture(
-            inputs=action_inputs_size(settings.network, self.action_size),
+            inputs=self.action_size,
             width=hidden_size,
             memory=True,
             product=settings.network.features == "product",
@@ -78,8 +77,7 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         """ŷ_m [M, B, T, D] from s_0 [M, B, D] and actions [M, B, T, A] of each member."""
         hidden = self.members.start(s0, s0[..., :0])
         offset = s0.new_zeros(*actions.shape[:-1], self.state_size)
-        inputs = action_inputs(self.settings.network, actions)
-        return self.members.rollout(s0, inputs, offset, hidden)[0]
+        return self.members.rollout(s0, actions, offset, hidden)[0]
 
     def on_training_data(self, states: Tensor) -> None:
         """See `Model.on_training_data`: the members store the range of the training states."""
@@ -104,8 +102,7 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         if teacher_forced:
             hidden = self.members.start(s0, s0[..., :0])
             offset = torch.zeros_like(truth)
-            inputs = action_inputs(self.settings.network, actions)
-            forecasts, _ = self.members.mean(states[:, :, :-1], inputs, offset, hidden)
+            forecasts, _ = self.members.mean(states[:, :, :-1], actions, offset, hidden)
         else:
             forecasts = self.rollout(s0, actions)
         losses = optimal_variance_nll((forecasts - truth).square().mean((1, 2))).mean(-1)

@@ -9,7 +9,6 @@ from study.config.model_sections import Network, Vae
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
-from study.models.networks.actions import action_inputs, action_inputs_size
 from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
 from study.models.networks.dynamics import Architecture
 from study.models.posterior import posterior_statistics
@@ -92,14 +91,6 @@ class VaeModel(BaselineModel[VaeSettings]):
     def diagnostics(self, batch: dict[str, Tensor]) -> dict[str, float]:
         """See `Model.diagnostics`: whether the latent variable is used."""
         return posterior_statistics(self, batch)
-
-    def action_inputs_size(self) -> int:
-        """See `BaselineModel.action_inputs_size`."""
-        return action_inputs_size(self.settings.network, self.action_size)
-
-    def action_inputs(self, actions: Tensor) -> Tensor:
-        """See `BaselineModel.action_inputs`."""
-        return action_inputs(self.settings.network, actions)
 
     def sample_training_members(self, count: int, members: int, device: torch.device) -> Tensor:
         """m ~ U{0 … M−1} of each trajectory of a batch, [B] (Algorithm 1, line 4).
