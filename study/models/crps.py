@@ -50,6 +50,9 @@ ROLLOUT_RATE = 0.1
 WARM_UP_FRACTION = 0.3
 """Fraction of the steps on single transitions during which the KL divergence is weighted less."""
 
+ACTION_SUM_SCALE = 0.1
+"""Factor on the sum of past actions, which grows over the horizon."""
+
 EVALUATIONS = 5
 """Number of evaluations of the validation score during training."""
 
@@ -243,11 +246,11 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         return latent, divergence.mean()
 
     def select(self, baselines: Tensor, actions: Tensor, member: Tensor) -> tuple[Tensor, Tensor]:
-        """See `BaselineModel.select`; the condition includes Σ_{τ<t} a_τ / √T [S·K, T, A]."""
+        """See `BaselineModel.select`; the condition includes Σ_{τ<t} a_τ [S·K, T, A]."""
         baseline, condition = super().select(baselines, actions, member)
         if not self.settings.crps.action_sum:
             return baseline, condition
-        past = (actions.cumsum(1) - actions) / math.sqrt(actions.shape[1])
+        past = ACTION_SUM_SCALE * (actions.cumsum(1) - actions)
         return baseline, torch.cat([condition, repeat_samples(past, member.shape[1])], -1)
 
     def rollout_losses(

@@ -89,8 +89,8 @@ class DynamicsNetwork(nn.Module):
       velocities of points on rotating bodies, in one layer.
     - The features f(s) are s and, for each angle ψ of `study.data.frames`, sin ψ, cos ψ, sin 2ψ and
       cos 2ψ: the rates of such an angle depend on the heading.
-    - s_0 has an effect since a variable may return to its initial value (a wind to its mean). Through
-      the stem it would identify the trajectory, and the training trajectories would be memorised.
+    - s_0 has an effect, since a variable may return to its initial value (a wind to its mean).
+      Through the stem it would identify the trajectory, and training data would be memorised.
     - k is 1 and u is δ, the standard deviation of a state's change over one step, or k is 0 and
       u is 1: see `Architecture.delta`. The offset is a baseline, or its change.
     - In a rollout, states stay within the range of the training states. So a sinking flight ends on
