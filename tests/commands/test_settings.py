@@ -114,7 +114,8 @@ def test_groups_of_models(given: list[str], models: tuple[str, ...]) -> None:
 
 def test_the_shipped_configs_are_valid() -> None:
     names = {configuration("--config", str(path)).name for path in CONFIGS.glob("*.yaml")}
-    assert names == {"smoke", "quick", "paper", "ablations", "ablations_high", "ablations_crps"}
+    ablations = {"ablations", "ablations_high", "ablations_crps"}
+    assert names == {"smoke", "quick", "paper", "as_written", "fork", *ablations}
 
 
 def test_the_default_config_is_quick() -> None:
