@@ -14,8 +14,9 @@ class Network:
     """The dynamics network of every model: see `study/models/networks/dynamics.py`.
 
     Args:
-        features: products of the inputs, the sine and cosine of headings, and residual layers
-            (`product`); or the inputs alone, as the paper's text reads (`none`).
+        features: a stem of products, sine and cosine of headings, residual layers, and a linear
+            term of s_0 (`product`); or a GRU or an MLP of the inputs alone, as the paper's text
+            reads (`none`).
     """
 
     features: str = setting("product", choices=("product", "none"))
@@ -27,7 +28,7 @@ class Vae:
     """The two recurrent conditional VAEs (section III-B).
 
     Args:
-        hidden_size: hidden units of the encoder's and of the decoder's GRU.
+        hidden_size: units of the encoder's GRU, and of the decoder's stem, GRU and layers.
         latent_size: components of z_t.
         teacher_forcing: the decoder's state history in training: the true states (`always`), its
             own predictions (`never`), or the true states first and then its own (`scheduled`).
@@ -59,7 +60,7 @@ class Crps:
     """The CRPS generators: models trained by proper scores, beyond the paper.
 
     Args:
-        hidden_size: hidden units of each of the decoder's layers.
+        hidden_size: units of the decoder's stem and of each of its layers.
         steps: of the optimiser, in place of `train.steps`.
         one_step_fraction: share of the steps that trains on single transitions, by the logarithmic
             score; the others train on autoregressive rollouts, by the CRPS.
@@ -98,7 +99,7 @@ class Mlp:
 
     Args:
         hidden_size: units of each hidden layer.
-        layers: number of hidden layers.
+        layers: number of hidden layers; the first is the stem.
         loss: the negative log-likelihood (`nll`), or the β-NLL (`beta_nll`), as for the VAEs: see
             `study/models/networks/likelihood.py`.
     """

@@ -69,12 +69,12 @@ class Ensemble:
         cross_fit: each member leaves out a fold of 1/M of the trajectories, and residuals are
             out-of-fold: relative to the member that left the trajectory out, as in a forecast.
             Without it all members learn from all trajectories, and residuals are in-sample.
-        hidden_size: hidden units of each member's GRU.
+        hidden_size: units of each member's stem, GRU and layers.
         steps: optimiser steps at most.
         batch_size: trajectories in a batch, of each member.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
         weight_decay: its weight decay, times the number of training trajectories: see
-            `Model.weight_decay`.
+            `Model.configure_optimizers`.
         teacher_forcing_fraction: share of the steps that are teacher forced; the others train on
             autoregressive rollouts.
         symmetries: the training data are transformed by the symmetries of the environment (`all`),
@@ -131,7 +131,7 @@ class Train:
         batch_size: trajectories in a batch.
         learning_rate: of AdamW, at its peak (one-cycle schedule).
         weight_decay: its weight decay, times the number of training trajectories: see
-            `Model.weight_decay`.
+            `Model.configure_optimizers`.
         symmetries: every trajectory of a batch is transformed at random by the symmetries that the
             environment declares, such as turns and mirror images (`all`), or is used as it is
             (`none`). An environment without symmetries has no transformation.

@@ -1,4 +1,4 @@
-"""Models trained by proper scores of their own forecasts, without an encoder and without β.
+"""Models trained by proper scores of their own forecasts, without β.
 
 The expectation of a strictly proper score is minimal for the true distribution. So the score can be
 the loss (Gneiting and Raftery, JASA 102, 2007, section 5; Pacchiardi et al., JMLR 25, 2024). Two
@@ -101,7 +101,8 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     - A controller that integrates an error, such as an autopilot's, depends on past set-points. The
       difference between their sum and the distance travelled is that integral.
     - A variable may return to its initial value (a wind to its mean), and the size of its
-      fluctuations may depend on that value.
+      fluctuations may depend on that value. With symmetries, trajectories are transformed at
+      random, so s_0 does not identify a training trajectory.
 
     Training begins with single transitions, from which contacts of hundredths of a second can be
     learned. Rollouts follow, from which the growth of errors is learned.

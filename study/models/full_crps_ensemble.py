@@ -16,7 +16,7 @@ class CrpsEnsembleSettings(CrpsSettings, EnsembleOfModelsSettings):
 
 @models.register("full_crps_ensemble")
 class FullCrpsEnsemble(EnsembleOfModels[CrpsEnsembleSettings, FullCrps]):
-    """m ~ U{0 … M−1} for each sample, then its noise, then ŝ_{1:T} by the generator of m.
+    """m ~ U{0 … M−1} for each sample, then ζ and z_{1:T}, then ŝ_{1:T} by the generator of m.
 
     Args:
         normalization, settings: see `EnsembleOfModels`.

@@ -11,8 +11,7 @@ from torch.optim.lr_scheduler import LRScheduler, OneCycleLR
 def adamw(parameters: Iterable[Parameter], learning_rate: float, weight_decay: float) -> Optimizer:
     """AdamW (Loshchilov and Hutter, ICLR 2019), with weight decay on matrices alone.
 
-    Each step multiplies the matrices by 1 − learning_rate · weight_decay. Biases and bounds of
-    variances do not decay.
+    Each step multiplies the matrices by 1 − learning_rate · weight_decay. Biases do not decay.
     """
     matrices: list[Parameter] = []
     vectors: list[Parameter] = []

@@ -30,7 +30,7 @@ class Origin:
     Attributes:
         versions: of Python and of packages, by name.
         device: processor, and GPU if one was used.
-        compiler: of the recurrent networks.
+        compiler: of the networks' rollouts.
         threads: of each stage.
         source: digest of every module that a stage reached, by name (`study.workflow.source`).
     """

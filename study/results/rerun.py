@@ -1,9 +1,9 @@
 """Evaluate a cell of a results folder again from its weights, and compare the scores.
 
 On the same machine, with the same versions, the scores are the same to the last bit. Another
-processor or version rounds differently, and a recurrent network propagates the difference from step
-to step. A forecast may then cross a threshold, which changes the probability of one scenario by
-1/K. `TOLERANCE` and `SHARE` allow for these differences.
+processor or version rounds differently, and a forecast propagates the difference from step to step.
+It may then cross a threshold, which changes the probability of one scenario by 1/K. `TOLERANCE` and
+`SHARE` allow for these differences.
 """
 
 import tempfile

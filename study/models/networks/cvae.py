@@ -1,4 +1,4 @@
-"""The recurrent conditional VAE of Figure 2 (right) and the loss of equation (12).
+"""The recurrent conditional VAE of Figure 2 (right) and the KL divergence of equation (12).
 
 Both VAEs of the paper use this network. It generates a *target* x that is added to a *baseline* b:
 ŝ_t = x̂_t + b_t.

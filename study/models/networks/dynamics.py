@@ -2,14 +2,14 @@
 
 A model is this network with a choice of inputs, memory, noise and loss:
 
-===================== ============================== ======= ============================
-model                 inputs beside the state        memory  noise
-===================== ============================== ======= ============================
-ensemble member       action                         GRU     none
-VAE decoder           condition, latent variable     GRU     normal, `gaussian.py`
-probabilistic MLP     action                         none    normal, `gaussian.py`
-CRPS generator        condition, ζ, s_0              none    functional, `generator.py`
-===================== ============================== ======= ============================
+===================== ================================= ======= ============================
+model                 inputs beside the state           memory  noise
+===================== ================================= ======= ============================
+ensemble member       action                            GRU     none
+VAE decoder           condition, latent variable        GRU     normal, `gaussian.py`
+probabilistic MLP     action                            none    normal, `gaussian.py`
+CRPS generator        condition, sum of actions, ζ, s_0 none    functional, `generator.py`
+===================== ================================= ======= ============================
 """
 
 from dataclasses import dataclass
@@ -90,7 +90,7 @@ class DynamicsNetwork(nn.Module):
     - The features f(s) are s and, for each angle ψ of `study.data.frames`, sin ψ, cos ψ, sin 2ψ and
       cos 2ψ: the rates of such an angle depend on the heading.
     - s_0 has an effect, since a variable may return to its initial value (a wind to its mean).
-      Through the stem it would identify the trajectory, and training data would be memorised.
+      Through the stem it would identify a training trajectory, unless symmetries are applied.
     - k is 1 and u is δ, the standard deviation of a state's change over one step, or k is 0 and
       u is 1: see `Architecture.delta`. The offset is a baseline, or its change.
     - In a rollout, states stay within the range of the training states. So a sinking flight ends on
