@@ -27,7 +27,6 @@ from study.config.names import (
     MODELS,
     ORACLE,
     RESIDUAL,
-    RESIDUAL_CRPS,
     label,
 )
 from study.metrics.brier import brier_oracle, skill
@@ -42,8 +41,6 @@ METRICS = {"mmd2": "MMD²", "brier": "plain Brier score"}
 CONTRASTS = (
     (FULL, RESIDUAL),
     (MLP, RESIDUAL),
-    (FULL_CRPS, RESIDUAL_CRPS),
-    (RESIDUAL_CRPS, RESIDUAL),
     (FULL_CRPS, RESIDUAL),
 )
 """Differences that the report discusses: the first model minus the second."""

@@ -102,7 +102,8 @@ class Tune:
 
     Args:
         trials: values of β tried.
-        beta_low: smallest β.
+        beta_low: smallest β. With a smaller one than the default, the latent variable is used, and
+            validation forecasts of the study's systems are worse.
         beta_high: largest β; the search is uniform in log β.
         steps: optimiser steps of a trial at most.
         evaluations: times a trial is evaluated, and may be pruned.
@@ -111,7 +112,7 @@ class Tune:
     """
 
     trials: int = setting(4, low=1, high=10**5)
-    beta_low: float = setting(0.1, low=1e-12)
+    beta_low: float = setting(30.0, low=1e-12)
     beta_high: float = setting(1000.0, low=1e-12)
     steps: int = setting(200, low=1, high=10**8)
     evaluations: int = setting(2, low=1, high=10**5)

@@ -57,6 +57,7 @@ _RGB = {
     "purple": (170, 68, 153),
     "sand": (221, 204, 119),
     "brown": (140, 86, 48),
+    "rose": (204, 102, 119),
 }
 _MODELS = {
     RESIDUAL: "blue",
@@ -64,21 +65,21 @@ _MODELS = {
     MLP: "green",
     RESIDUAL_CRPS: "light blue",
     FULL_CRPS: "orange",
-    CRPS_ENSEMBLE: "brown",
+    CRPS_ENSEMBLE: "rose",
     RESIDUAL_ENSEMBLE: "indigo",
     FULL_ENSEMBLE: "wine",
     MLP_ENSEMBLE: "olive",
     ENSEMBLE: "pink",
     ORACLE: "grey",
 }
-_OTHER_MODELS = ("teal", "purple", "sand")
+_OTHER_MODELS = ("teal", "purple", "sand", "brown")
 _SERIES = ("blue", "vermilion", "green", "pink", "light blue", "orange")
 
 
 def model_colour_names(models: Iterable[str]) -> dict[str, str]:
     """The names of the colours of the study's models and of `models`, by model.
 
-    Models from plugins take three further colours in turn, in alphabetical order.
+    Models from plugins take four further colours in turn, in alphabetical order.
     """
     unknown = sorted(set(models) - set(_MODELS))
     return _MODELS | {

@@ -5,6 +5,7 @@ import numpy as np
 from torch import Tensor
 
 from study.common.arrays import Booleans, Floats
+from study.data.symmetries import Mirror, Symmetries
 from study.envs import Variable, register
 from study.examples.cart import Cart
 from study.examples.drift import Drift
@@ -17,6 +18,7 @@ class Bodiless(Cart):
 
     name, title = "bodiless", "50%_a&b#c$d"
     action = (Variable("f|_x", "N<&>", "push |*| 100%", -1.0, 1.0),)
+    symmetries = Symmetries(mirror=Mirror(states=("x", "v"), actions=("f|_x",), goal=("target",)))
 
     def scene(self) -> mujoco.MjModel | None:
         return None
