@@ -78,5 +78,7 @@ class ProbabilisticMlp(Model[MlpSettings]):
             s0: [B, D].
         """
         rows = (state, action[:, None], torch.zeros_like(normal)[:, None], normal[:, None])
-        sampled = self.network.sample_rollout(*(values[None] for values in rows), start=s0[None])
+        sampled = self.network.sample_rollout(  # type: ignore[misc]
+            *(values[None] for values in rows), start=s0[None]
+        )
         return sampled[0, :, 0]
