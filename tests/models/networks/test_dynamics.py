@@ -10,15 +10,7 @@ from torch.nn.functional import silu
 
 from study.models.networks.dynamics import Architecture, DynamicsNetwork
 from tests.helpers.models import ACTION, HORIZON, STATE
-from tests.helpers.networks import (
-    ROWS,
-    WIDTH,
-    architecture,
-    history_of,
-    inputs,
-    randomize,
-    units,
-)
+from tests.helpers.networks import ROWS, WIDTH, architecture, history_of, inputs, randomize, units
 
 ARCHITECTURES = [
     architecture(memory=True),
@@ -27,6 +19,7 @@ ARCHITECTURES = [
     architecture(memory=False, product=False),
     replace(architecture(networks=3), delta=False),
     replace(architecture(memory=False), layers=0),
+    replace(architecture(), linear_start=False),
 ]
 
 
@@ -39,7 +32,7 @@ def network(shape: Architecture, rotating: bool = True) -> DynamicsNetwork:
 
 def set_output_to_zero(dynamics: DynamicsNetwork) -> None:
     for name, parameter in dynamics.named_parameters():
-        if name.startswith(("output", "skip")):
+        if name.startswith(("output", "skip", "start_skip")):
             nn.init.zeros_(parameter)
 
 
@@ -107,6 +100,52 @@ def test_the_output_has_the_unit_of_a_change(delta: bool) -> None:
     unit = torch.from_numpy(units().delta_std)
     expected = values["s0"] + unit if delta else torch.ones(1, ROWS, STATE)
     torch.testing.assert_close(first, expected)
+
+
+@pytest.mark.parametrize("delta", [True, False])
+def test_a_linear_term_of_s0_is_added_at_every_step(delta: bool) -> None:
+    """With an output of zero, the term is added to the offset, and `step` does not contain it."""
+    dynamics = network(replace(architecture(networks=2), delta=delta))
+    set_output_to_zero(dynamics)
+    weight = torch.randn(2, STATE, STATE)
+    dynamics.load_state_dict(dynamics.state_dict() | {"start_skip.weight": weight})
+    values = inputs(dynamics)
+    s0 = values["s0"]
+    unit = torch.from_numpy(units().delta_std) if delta else 1.0
+    term = values["offset"] + (unit * torch.einsum("mbi,mid->mbd", s0, weight))[:, :, None]
+    states, _ = dynamics.rollout(**values)
+    torch.testing.assert_close(states, s0[:, :, None] + term.cumsum(2) if delta else term)
+    history = torch.cat([s0[:, :, None], torch.randn_like(states[:, :, 1:])], 2)
+    others = {name: value for name, value in values.items() if name != "s0"}
+    mean, _ = dynamics.mean(history, **others)
+    torch.testing.assert_close(mean, history + term if delta else term)
+    assert not dynamics.step(history, values["inputs"], values["hidden"])[0].any()
+
+
+def test_the_linear_term_of_s0_has_no_effect_before_training() -> None:
+    """Training changes it. It does not exist without `linear_start` or without `product`."""
+    dynamics = DynamicsNetwork(units(), architecture())
+    states, _ = dynamics.rollout(**inputs(dynamics))
+    states.square().sum().backward()
+    assert dynamics.start_skip is not None
+    assert not dynamics.start_skip.weight.any()
+    assert dynamics.start_skip.weight.grad is not None
+    assert dynamics.start_skip.weight.grad.all()
+    for changes in ({"linear_start": False}, {"product": False}):
+        assert network(replace(architecture(), **changes)).start_skip is None
+
+
+@pytest.mark.parametrize("shape", [shape for shape in ARCHITECTURES if not shape.memory])
+def test_a_rollout_from_a_later_state(shape: Architecture) -> None:
+    """With the trajectory's s_0, the states are those of the whole rollout."""
+    dynamics = network(shape)
+    values = inputs(dynamics)
+    states, _ = dynamics.rollout(**values)
+    later = {name: values[name][:, :, 2:] for name in ("inputs", "offset")}
+    found, _ = dynamics.rollout(states[:, :, 1], **later, start=values["s0"])
+    torch.testing.assert_close(found, states[:, :, 2:])
+    without, _ = dynamics.rollout(states[:, :, 1], **later)
+    assert torch.allclose(without, found) != shape.product
 
 
 @pytest.mark.parametrize("memory", [True, False])
@@ -303,6 +342,8 @@ def test_the_equations_with_product(memory: bool) -> None:
         y = p + torch.cat([hidden, p], -1) @ weights["mix.weight"] + weights["mix.bias"]
     for layer in range(2):
         y = y + silu(y @ weights[f"layers.{layer}.weight"] + weights[f"layers.{layer}.bias"])
-    output = x @ weights["skip.weight"] + y @ weights["output.weight"] + weights["output.bias"]
+    assert weights["start_skip.weight"].abs().min() > 1e-3
+    output = x @ weights["skip.weight"] + s0 @ weights["start_skip.weight"]
+    output = output + y @ weights["output.weight"] + weights["output.bias"]
     expected = s0 + values["offset"][0, :, 0] + torch.from_numpy(units().delta_std) * output
     torch.testing.assert_close(dynamics.rollout(**values)[0][0, :, 0], expected)

@@ -58,6 +58,18 @@ def test_without_noise_a_sample_is_the_mean(shape: Architecture) -> None:
     torch.testing.assert_close(forced_log_std, log_std, rtol=1e-4, atol=1e-5)
 
 
+def test_a_sample_from_a_later_state() -> None:
+    """With the trajectory's s_0, the states are those of the whole sample."""
+    dynamics = network(architecture(memory=False))
+    values = inputs(dynamics)
+    values["normal"] = torch.randn_like(values["offset"])
+    sampled = dynamics.sample_rollout(**values)
+    later = {name: values[name][:, :, 2:] for name in ("inputs", "offset", "normal")}
+    found = dynamics.sample_rollout(sampled[:, :, 1], **later, start=values["s0"])
+    torch.testing.assert_close(found, sampled[:, :, 2:])
+    assert not torch.allclose(dynamics.sample_rollout(sampled[:, :, 1], **later), found)
+
+
 def test_samples_in_blocks_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = network(architecture())
     values = inputs(dynamics)
@@ -69,7 +81,7 @@ def test_samples_in_blocks_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_the_log_standard_deviation_is_bounded() -> None:
     dynamics = network(architecture())
-    dynamics.log_std.weight.data.mul_(1e4)
+    dynamics.log_std.weight.data.mul_(1e8)
     values = inputs(dynamics)
     _, log_std = dynamics.predict_rollout(**values)
     torch.testing.assert_close(log_std.abs(), torch.full_like(log_std, LOG_STD_BOUND))

@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from study.models.networks.dynamics import Architecture
 from study.models.networks.generator import GRADIENT_DECAY, GeneratorDynamics
 from tests.helpers.models import ACTION, HORIZON, STATE
 from tests.helpers.networks import ROWS, architecture, randomize, units
@@ -13,11 +14,15 @@ from tests.helpers.networks import ROWS, architecture, randomize, units
 NOISE, UNUSED = 3, 2
 
 
+def shape_of(product: bool = True) -> Architecture:
+    """As in the CRPS models: s_0 is one of the inputs, and has no linear term."""
+    shape = architecture(memory=False, product=product)
+    return replace(shape, inputs=ACTION + UNUSED, linear_start=False)
+
+
 def untrained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
     torch.manual_seed(0)
-    shape = architecture(memory=False, product=product)
-    shape = replace(shape, inputs=ACTION + UNUSED)
-    return GeneratorDynamics(units(rotating), shape, NOISE, UNUSED)
+    return GeneratorDynamics(units(rotating), shape_of(product), NOISE, UNUSED)
 
 
 def trained(rotating: bool = False, product: bool = True) -> GeneratorDynamics:
@@ -101,8 +106,7 @@ def test_the_last_inputs_have_no_effect_before_training(product: bool) -> None:
 
 
 def test_all_inputs_may_have_an_effect_before_training() -> None:
-    shape = replace(architecture(memory=False), inputs=ACTION + UNUSED)
-    generator = GeneratorDynamics(units(), shape, NOISE)
+    generator = GeneratorDynamics(units(), shape_of(), NOISE)
     assert generator.stem.weight.all()
 
 
