@@ -28,7 +28,7 @@ from study.models.rnn_ensemble import RnnEnsemble
 from study.models.unroll.unroll import LOG_STD_BOUND
 from study.models.vae import VaeModel
 
-LINEAR = ("skip", "stem", "mix", "output", "initial_hidden", "log_std")
+LINEAR = ("skip", "start_skip", "stem", "mix", "output", "initial_hidden", "log_std")
 """Layers of a `DynamicsNetwork`, which need not have all of them."""
 GENERATOR = ("noise_gain", "noise_shift", "noise_output")
 """Layers of a `GeneratorDynamics`."""
@@ -100,6 +100,7 @@ class PlainNetwork(nn.Module):
             truth: s_{0:T-1} [B, T, D] for teacher forcing.
         """
         state, states, log_stds, steps = s0, [], [], inputs.shape[1]
+        of_start = self.linear["start_skip"](s0) if "start_skip" in self.linear else 0.0
         noises = [None] * steps if noise is None else noise.unbind(1)
         truths = [None] * steps if truth is None else truth.unbind(1)
         sequences = (inputs.unbind(1), offset.unbind(1), noises, truths)
@@ -115,7 +116,7 @@ class PlainNetwork(nn.Module):
                 gain = self.linear["noise_gain"](noise_t)
                 output = output + self.linear["noise_output"](top * gain)
                 output = output + self.linear["noise_shift"](noise_t)
-            state = offset_t + self.unit * output
+            state = offset_t + self.unit * (output + of_start)
             if self.shape.delta:
                 state = previous + state
             if not self.generates and noise_t is not None:

@@ -1,6 +1,6 @@
 """The CRPS models: an unbiased score, a latent variable, and two phases of training."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +13,9 @@ from torch import Tensor
 
 from study.config.grid import Cell
 from study.config.model_sections import Crps, Network
-from study.config.settings import Config, Train
+from study.config.settings import Config
 from study.models.crps import (
+    ACTION_SUM_SCALE,
     EVALUATIONS,
     TRAJECTORIES,
     CrpsModel,
@@ -127,17 +128,20 @@ def test_single_transitions_train_the_encoder(name: str) -> None:
         assert bool(network.decoder.stem.weight.grad[:, -LATENT - STATE :].any(-1).all())
 
 
-def test_the_divergence_has_its_weight() -> None:
-    losses = []
-    for weight in (0.0, 7.0):
-        network = crps("full_crps", trajectory_latent_weight=weight)
+@pytest.mark.parametrize(("step", "fraction"), [(0, 1 / 31), (14, 15 / 31), (30, 1), (99, 1)])
+def test_the_divergence_has_its_weight(step: int, fraction: float) -> None:
+    """The weight rises over 30 of 100 steps on single transitions."""
+    losses, largest = [], 7e6  # initially the divergence is small
+    for weight in (0.0, largest):
+        network = crps("full_crps", steps=125, trajectory_latent_weight=weight)
         torch.manual_seed(0)
-        losses.append(network.losses(batch(), 0))
+        losses.append(network.losses(batch(), step))
     divergence = losses[0]["loss/kl"]
     assert divergence > 0
     torch.testing.assert_close(losses[1]["loss/kl"], divergence)
     # The other terms are means over steps and dimensions.
-    expected = losses[0]["loss"] + 7.0 * divergence / (HORIZON * STATE)
+    expected = losses[0]["loss"] + fraction * largest * divergence / (HORIZON * STATE)
+    assert expected > losses[0]["loss"] + 0.1
     torch.testing.assert_close(losses[1]["loss"], expected)
 
 
@@ -175,7 +179,7 @@ def test_the_inputs_of_the_decoder(
             change = (baseline[:, t + 1] - baseline[:, t]) / network.delta_std
             expected += [baseline[:, t + 1], change]
         if action_sum:
-            expected.append(actions[:, :t].sum(1) / HORIZON**0.5)
+            expected.append(ACTION_SUM_SCALE * actions[:, :t].sum(1))
         expected += [network.encoder.prior(noise[:, 0, 0, :LATENT]), s0]
         torch.testing.assert_close(observed[0][:, t], torch.cat(expected, -1))
 
@@ -184,15 +188,16 @@ def test_the_inputs_of_the_decoder(
 def test_a_transition_has_the_mean_of_a_forecast_step(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On trajectories that the network itself forecasts without noise, the mean has no error."""
+    """On trajectories that the network forecasts with only the latent, the mean has no error."""
     network, zero = crps(name), torch.zeros(())
     torch.nn.init.normal_(network.decoder.skip.weight, std=0.1)
     network.decoder.output.weight.data.mul_(0.1)  # so that forecasts stay small
-    # Without noise, the latent variable of a forecast is its median in training, here 0.
-    monkeypatch.setattr(network, "encode", lambda states, *_: (torch.zeros(8, LATENT), zero))
+    noise, member = torch.zeros(8, 1, HORIZON, NOISE), torch.zeros(8, 1, dtype=torch.int64)
+    noise[:, :, 0, :LATENT] = torch.randn(8, 1, LATENT)
+    latent = network.encoder.prior(noise[:, 0, 0, :LATENT])
+    monkeypatch.setattr(network, "encode", lambda *_: (latent, zero))
     s0, actions = torch.randn(8, STATE), torch.randn(8, HORIZON, ACTION)
     members = torch.randn(8, 1, HORIZON, STATE).expand(-1, network.members_count(), -1, -1)
-    noise, member = torch.zeros(8, 1, HORIZON, NOISE), torch.zeros(8, 1, dtype=torch.int64)
     with torch.no_grad():
         baselines = network.baselines(s0, actions, members)
         forecasts = network.generate(s0, actions, noise, member, baselines)[:, 0]
@@ -287,7 +292,7 @@ def test_steps_with_large_changes_are_sampled_more_often(monkeypatch: pytest.Mon
         network.losses({"states": states, "actions": actions}, 0)
     # A weight of 1 + 3² against 1 for each of the other steps.
     expected = 10 / (10 + HORIZON - 1)
-    assert float(torch.cat(conditions).mean()) == pytest.approx(expected, abs=0.06)
+    assert float(torch.cat(conditions).detach().mean()) == pytest.approx(expected, abs=0.06)
 
 
 def test_the_learning_rate_falls_before_rollouts_and_at_the_end() -> None:
@@ -317,26 +322,20 @@ def test_forecasts_keep_to_the_range_of_the_training_data() -> None:
     network, states = crps("full_crps"), batch()["states"]
     network.on_training_data(states)
     assert network.training_size == len(states)
-    assert bool((network.decoder.highest > states.amax((0, 1))).all())
-    assert bool((network.decoder.lowest < states.amin((0, 1))).all())
+    noise, member = 100 * torch.randn(8, 1, HORIZON, NOISE), torch.zeros(8, 1, dtype=torch.int64)
+    forecasts = network.sample(states[:, 0], torch.randn(8, HORIZON, ACTION), noise, member)
+    assert torch.equal(forecasts.amax((0, 1, 2)), states.amax((0, 1)))
+    assert torch.equal(forecasts.amin((0, 1, 2)), states.amin((0, 1)))
 
 
 def test_the_training_options_are_those_of_the_section_crps() -> None:
     train = Config().train
     settings = CrpsSettings(Crps(steps=2505, batch_size=7, learning_rate=0.02), Network(), train)
-    expected = Train(
-        steps=2505,
-        batch_size=7,
-        learning_rate=0.02,
-        weight_decay=train.weight_decay,
-        symmetries="all",
-        validate_every=2505 // EVALUATIONS,
-        patience=2505,
-        accelerator=train.accelerator,
-    )
+    of_crps: dict[str, Any] = {"steps": 2505, "batch_size": 7, "learning_rate": 0.02}
+    of_crps |= {"symmetries": "all", "patience": 2505, "validate_every": 2505 // EVALUATIONS}
+    expected = replace(train, **of_crps)
     assert CrpsModel.training_options(settings) == expected
-    again = CrpsSettings(settings.crps, settings.network, expected)
-    assert CrpsModel.training_options(again) == expected
+    assert CrpsModel.training_options(replace(settings, train=expected)) == expected
 
 
 def test_the_pipeline_applies_the_training_options() -> None:

@@ -14,18 +14,25 @@ FEATURES = ["product", "none"]
 
 
 def mlp(**changes: Any) -> Any:
-    """A small MLP whose variance depends on the state."""
+    """A small MLP whose variance depends on the state, and with `product` its mean on s_0."""
     built: Any = model("probabilistic_mlp", **changes)
+    if built.network.start_skip is not None:
+        torch.nn.init.normal_(built.network.start_skip.weight)
     built.network.log_std.weight.data.normal_()
     built.network.variance.copy_(torch.tensor([0.5, 1.0, 2.0]))
     return built
 
 
-def step(network: Any, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and log standard deviation w of one transition [B, D]."""
-    inputs = (state[None, :, None], action[None, :, None], torch.zeros_like(state)[None, :, None])
-    mean, log_std = network.network.predict(*inputs)
-    return mean[0, :, 0], log_std[0, :, 0]
+def step(network: Any, state: Tensor, action: Tensor, s0: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and log standard deviation w of one transition [B, D] of a trajectory from s_0."""
+    zero = torch.zeros_like(state)[None, :, None]
+    mean, log_std = network.network.predict(state[None, :, None], action[None, :, None], zero)
+    mean, log_std = mean[0, :, 0], log_std[0, :, 0]
+    if network.network.start_skip is None:
+        return mean, log_std
+    # A trajectory of one step begins at `state`.
+    matrix = network.network.start_skip.weight[0]
+    return mean + network.delta_std * ((s0 - state) @ matrix), log_std
 
 
 @pytest.mark.parametrize("features", FEATURES)
@@ -35,7 +42,8 @@ def test_the_likelihood_against_torch_distributions(loss: str, features: str) ->
     torch.manual_seed(0)
     states, actions = torch.randn(4, HORIZON + 1, STATE), torch.randn(4, HORIZON, ACTION)
     losses = network.losses({"states": states, "actions": actions}, 0)
-    mean, log_std = step(network, states[:, :-1].flatten(0, 1), actions.flatten(0, 1))
+    s0 = states[:, 0].repeat_interleave(HORIZON, 0)
+    mean, log_std = step(network, states[:, :-1].flatten(0, 1), actions.flatten(0, 1), s0)
     after = states[:, 1:].flatten(0, 1)
     # The σ of the batch under which the likelihood is largest; the first batch stores it.
     sigma = ((after - mean) / log_std.exp()).square().mean(0).sqrt()
@@ -46,8 +54,9 @@ def test_the_likelihood_against_torch_distributions(loss: str, features: str) ->
 
 
 def test_the_loss_of_a_transition_does_not_depend_on_the_others() -> None:
-    """The network has no memory: trajectories of one step give the same loss."""
+    """The network has no memory beside s_0: without it, trajectories of one step are the same."""
     network, data = mlp(), batch()
+    torch.nn.init.zeros_(network.network.start_skip.weight)
     states = torch.stack([data["states"][:, :-1], data["states"][:, 1:]], 2)
     transitions = {
         "states": states.flatten(0, 1),
@@ -66,16 +75,17 @@ def test_the_next_state_is_sampled_and_fed_back(features: str) -> None:
     states = network.sample(s0, actions, noise, torch.zeros(2, 1, dtype=torch.int64))[:, 0]
     previous = s0
     for t in range(HORIZON):
-        mean, log_std = step(network, previous, actions[:, t])
+        mean, log_std = step(network, previous, actions[:, t], s0)
         std = network.network.variance.sqrt() * log_std.exp()
         torch.testing.assert_close(states[:, t], mean + std * noise[:, 0, t], rtol=1e-4, atol=1e-4)
-        alone = network.step(previous, actions[:, t], noise[:, 0, t])
+        alone = network.step(previous, actions[:, t], noise[:, 0, t], s0)
         torch.testing.assert_close(states[:, t], alone, rtol=1e-4, atol=1e-4)
         previous = states[:, t]
 
 
 def test_the_variance_is_bounded() -> None:
-    _, log_std = step(mlp(), torch.randn(50, STATE) * 1e4, torch.randn(50, ACTION) * 1e4)
+    state = torch.randn(50, STATE) * 1e4
+    _, log_std = step(mlp(), state, torch.randn(50, ACTION) * 1e4, state)
     assert (log_std.abs() <= LOG_STD_BOUND).all()
     assert (log_std.abs() > 0.99 * LOG_STD_BOUND).any()
 
@@ -85,7 +95,8 @@ def test_the_variance_is_bounded() -> None:
 def test_the_number_of_hidden_layers(layers: int, features: str) -> None:
     """The stem is the first. There is no memory."""
     network = mlp(mlp={"layers": layers}, network={"features": features}).network
-    parts = {"stem", "layers", "output", "log_std"} | ({"skip"} if features == "product" else set())
+    parts = {"stem", "layers", "output", "log_std"}
+    parts |= {"skip", "start_skip"} if features == "product" else set()
     assert {name for name, _ in network.named_children()} == parts
     assert len(network.layers) == layers - 1
 
@@ -110,5 +121,5 @@ def test_forecasts_keep_to_the_range_of_the_training_data() -> None:
     noise = 100 * torch.randn(8, 1, HORIZON, STATE)
     actions, member = torch.randn(8, HORIZON, ACTION), torch.zeros(8, 1, dtype=torch.int64)
     forecasts = network.sample(states[:, 0], actions, noise, member)
-    torch.testing.assert_close(forecasts.amax((0, 1, 2)), network.network.highest)
-    torch.testing.assert_close(forecasts.amin((0, 1, 2)), network.network.lowest)
+    torch.testing.assert_close(forecasts.amax((0, 1, 2)), states.amax((0, 1)))
+    torch.testing.assert_close(forecasts.amin((0, 1, 2)), states.amin((0, 1)))
