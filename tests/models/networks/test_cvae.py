@@ -93,6 +93,8 @@ def test_the_baseline_is_added(delta: bool) -> None:
     for parameter in (network.decoder.output.weight, network.decoder.output.bias):
         nn.init.zeros_(parameter)
     nn.init.zeros_(network.decoder.skip.weight)
+    assert network.decoder.start_skip is not None
+    nn.init.zeros_(network.decoder.start_skip.weight)
     mean, _ = network.decode(**values)
     baseline = values["baseline"]
     target = (values["s0"] - baseline[:, 0])[:, None] if delta else 0.0
