@@ -27,6 +27,7 @@ with mpl.rc_context(style.context()):
     style.save(figure, out / "figure")
 
 from study.common.progress import Progress
+from study.config.model_sections import Network
 from study.config.settings import Collect, Ensemble
 from study.config.stage_settings import CollectSettings, EnsembleSettings, TrainingSet
 from study.examples import cart
@@ -38,7 +39,7 @@ for name in ("data", "fit"):
 sizes = Collect(trajectories=20, validation=4, scenarios=2, rollouts=2, horizon=10)
 collect.run(CollectSettings("cart", sizes), {}, out / "data", Progress())
 small = Ensemble(members=2, hidden_size=4, steps=8, validate_every=4)
-settings = EnsembleSettings(TrainingSet(0, 20), seed=0, ensemble=small)
+settings = EnsembleSettings(TrainingSet(0, 20), seed=0, ensemble=small, network=Network())
 ensemble.run(settings, {"data": out / "data"}, out / "fit", Progress())
 
 import rerun.blueprint as rrb

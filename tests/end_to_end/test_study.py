@@ -146,11 +146,11 @@ def test_plan_and_status_of_a_finished_study(smoke: tuple[Path, Done]) -> None:
 def test_another_range_of_beta_runs_only_what_follows(smoke: tuple[Path, Done]) -> None:
     out, _ = smoke
     before = configuration(*SMOKE).tune.beta_high
-    due = study("plan", *SMOKE, "--out", out, "--tune.beta_high", "0.5").due()
+    due = study("plan", *SMOKE, "--out", out, "--tune.beta_high", "50.0").due()
     stages = ("tune", "train", "evaluate", "record")
     assert set(due) == {f"{stage} {cell.name}" for stage in stages for cell in VAES}
     for name, why in due.items():
-        expected = f"config changed: tune.beta_high {before} → 0.5"
+        expected = f"config changed: tune.beta_high {before} → 50.0"
         assert why == expected if name.startswith("tune") else why.startswith("input changed: ")
 
 
