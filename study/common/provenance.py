@@ -41,7 +41,7 @@ def source_revision() -> str:
     files = {
         path.relative_to(SOURCE).as_posix(): sha256(path)
         for path in SOURCE.rglob("*")
-        if path.suffix in (".py", ".c", ".xml")
+        if path.suffix in (".py", ".c", ".h", ".xml")
     }
     return digest(files)
 

@@ -68,6 +68,8 @@ class Crps:
             `train.batch_size`; rollouts start from some of them.
         learning_rate: of AdamW at its peak, in place of `train.learning_rate`.
         symmetries: `all` or `none`, in place of `train.symmetries`.
+        canonical_frame: with symmetries, a model without a baseline works in the canonical frame,
+            if the system declares one (`study.data.symmetries.Turn`).
         noise_size: standard normal numbers that drive the decoder at each step.
         trajectory_latent_size: components of a latent variable of the whole trajectory, which
             stands for unobserved constants. An encoder of training trajectories finds it.
@@ -84,6 +86,7 @@ class Crps:
     batch_size: int = setting(32, low=1, high=10**6)
     learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
     symmetries: str = setting("all", choices=("none", "all"))
+    canonical_frame: bool = True
     noise_size: int = setting(12, low=1, high=1000)
     trajectory_latent_size: int = setting(1, low=0, high=1000)
     trajectory_latent_weight: float = setting(40.0, low=0.0)

@@ -11,7 +11,7 @@ from study.common.arrays import Floats, Integers
 from study.data.frames import rotating_pairs_of, to_fixed_frame
 from study.data.moments import moments
 from study.data.trajectories import Trajectories
-from study.data.transformations import SymmetryGroup, orbit_parts
+from study.data.transformations import NO_PAIRS, SymmetryGroup, orbit_parts
 
 SMALLEST_SCALE = 1e-6
 """A component with a smaller standard deviation is constant. Its scale is one."""
@@ -32,6 +32,11 @@ class Normalization:
         action_scale: [A] float32, standard deviations of the actions, SI units.
         delta_std: [D] float32, standard deviations of s_{t+1} − s_t in normalised units.
         rotating_pairs: [P, 3] int64, see `study.data.frames`.
+        turned_pairs: [Q, 2] int64, columns of the pairs that a turn of `axis` turns; empty without.
+        axis: [2, 2] int64, columns of the points between which the axis of the canonical frame is
+            (`study.data.symmetries.Turn`); empty without one, or without symmetries. The moments
+            of all transformed copies do not depend on direction: the means of a pair are zero, and
+            its scales are equal.
     """
 
     state_mean: Floats
@@ -40,6 +45,8 @@ class Normalization:
     action_scale: Floats
     delta_std: Floats
     rotating_pairs: Integers
+    turned_pairs: Integers
+    axis: Integers
 
     @classmethod
     def from_trajectories(
@@ -62,7 +69,9 @@ class Normalization:
             lambda: (actions for _, actions in _parts(trajectories, group))
         )
         _, delta_std = _measure(lambda: (np.diff(part, axis=1) / state_scale for part in states()))
-        return cls(state_mean, state_scale, action_mean, action_scale, delta_std, pairs)
+        moments_ = (state_mean, state_scale, action_mean, action_scale, delta_std)
+        turned, axis = (NO_PAIRS, NO_PAIRS) if group is None else group.canonical_frame()
+        return cls(*moments_, pairs, turned, axis)
 
     def normalize_states(self, states: Floats) -> Tensor:
         """States [..., D] in SI units to normalised units, in the fixed frame."""

@@ -37,6 +37,8 @@ class Turn:
         angles: state variables to which φ is added. An angle is not wrapped: a whole trajectory is
             moved by whole turns, so that its first value is within ±π.
         quarter: φ is a multiple of π/2.
+        axis: two pairs of `states`. The first axis of the canonical frame points from one to the
+            other, so that a network can learn laws without direction (`study.models.unroll.frame`).
         broken_by: events of a trajectory (`Simulator.events`) that only quarter turns preserve.
     """
 
@@ -45,6 +47,7 @@ class Turn:
     goal: Pairs = ()
     angles: Names = ()
     quarter: bool = False
+    axis: Pairs = ()
     broken_by: Names = ()
 
 
@@ -146,12 +149,29 @@ class Symmetries:
                         raise BadInput(
                             f"{subject}: {part}.{group} names '{name}' twice; name it once"
                         )
+        self._check_axis(subject)
         for shift in self.shifts:
             if not shift.low < shift.high:
                 raise BadInput(
                     f"{subject}: a shift of {', '.join(shift.states)} is between {shift.low} and "
                     f"{shift.high}; give two bounds, the lower one first"
                 )
+
+    def _check_axis(self, subject: str) -> None:
+        """See `check`."""
+        axis, turn = self.turn.axis, self.turn
+        if not axis:
+            return
+        if len(axis) != 2 or axis[0] == axis[1] or not set(axis) <= set(turn.states):
+            raise BadInput(
+                f"{subject}: turn.axis is {list(axis)}; give two different pairs of turn.states"
+            )
+        turned = {name for pair in turn.states for name in pair}
+        if turn.angles or turn.actions or any(turned & set(s.states) for s in self.shifts):
+            raise BadInput(
+                f"{subject}: turn.axis needs a turn of state pairs alone, without angles, actions "
+                "or shifts of these pairs; leave out turn.axis"
+            )
 
     def _names(self, group: str) -> Iterator[tuple[str, list[str]]]:
         """The part of the description, and the variables that it names."""

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from study.common.arrays import Booleans, Doubles, Floats
+from study.common.arrays import Booleans, Doubles, Floats, Integers
 from study.data.symmetries import Mirror, Symmetries, Turn
 from study.data.trajectories import Trajectories
 
@@ -23,6 +23,7 @@ copies of each of 1,000 trajectories, the weight decay of 8,000 gave far better 
 of 1,000."""
 SMALLEST = 1e-15
 """A sine or cosine below it is zero: quarter turns are exact."""
+NO_PAIRS: Integers = np.zeros((0, 2), np.int64)
 
 Number = TypeVar("Number", bound=np.floating[Any])
 
@@ -135,6 +136,17 @@ class SymmetryGroup:
             for group in ("state", "action", "goal")
         ]
         return cls(Symmetries.from_facts(facts), *names)
+
+    def canonical_frame(self) -> tuple[Integers, Integers]:
+        """Columns of the turned pairs [Q, 2] and of the points of the axis [2, 2].
+
+        Both are empty [0, 2] if the symmetries declare no axis.
+        """
+        if not self.symmetries.turn.axis:
+            return NO_PAIRS, NO_PAIRS
+        pairs = np.stack([self._states.first, self._states.second], axis=1)
+        rows = [self.symmetries.turn.states.index(point) for point in self.symmetries.turn.axis]
+        return pairs, pairs[rows]
 
     def transformations(
         self, s0: Floats, angle: Doubles, mirrored: Booleans, shift: Doubles

@@ -122,6 +122,7 @@ class Pusher(Simulator):
                 ("ball_x_rate", "ball_y_rate"),
             ),
             goal=(("target_x", "target_y"),),
+            axis=(("arm_x", "arm_y"), ("ball_x", "ball_y")),  # Frictionless contact acts along it.
             broken_by=("the ball reaches a cushion",),  # The table is square.
         ),
         mirror=Mirror(

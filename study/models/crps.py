@@ -29,7 +29,7 @@ from study.config.model_sections import Crps, Network
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
-from study.models.networks.dynamics import Architecture
+from study.models.networks.architecture import Architecture
 from study.models.networks.generator import GeneratorDynamics
 from study.models.networks.likelihood import projected_log_score, weighted_log_score
 from study.models.networks.trajectory_encoder import TrajectoryEncoder
@@ -115,16 +115,22 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         crps = settings.crps
         latent_size = crps.trajectory_latent_size
         self.noise_size = latent_size + crps.noise_size
+        # A baseline has a direction, and so has s_0.
+        has_baseline = self.condition_size() > self.action_size
+        axis = len(normalization.axis) > 0
+        self.is_canonical = crps.canonical_frame and axis and not has_baseline
+        self.start_size = 0 if self.is_canonical else self.state_size
         condition_size = self.condition_size() + (self.action_size if crps.action_sum else 0)
         architecture = Architecture(
-            inputs=condition_size + latent_size + self.state_size,
+            inputs=condition_size + latent_size + self.start_size,
             width=crps.hidden_size,
             memory=False,
             linear_start=False,
             product=settings.network.features == "product",
+            canonical=self.is_canonical,
         )
         self.decoder = GeneratorDynamics(
-            normalization, architecture, crps.noise_size, latent_size + self.state_size
+            normalization, architecture, crps.noise_size, latent_size + self.start_size
         )
         self.encoder = None
         if latent_size:
@@ -206,10 +212,11 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         member = torch.randint(baselines.shape[1], (len(states),), device=states.device)
         baseline, condition = self.select(baselines, actions, member[:, None])
         latent, divergence = self.encode(states, condition, step)
-        inputs = torch.cat([condition[row, t], latent[row], states[row, 0]], -1)
+        inputs = torch.cat([condition[row, t], latent[row], states[row, 0, : self.start_size]], -1)
         state, change = states[row, t], baseline[row, t + 1] - baseline[row, t]
-        mean, factor = (values[0] for values in self.decoder.transition(state[None], inputs[None]))
-        error = (states[row, t + 1] - state - change) / scale - mean
+        change = (states[row, t + 1] - state - change) / scale
+        transition = self.decoder.transition(state[None], inputs[None], change[None])
+        error, factor = (values[0] for values in transition)
         score = weighted_log_score(error, factor.square().sum(1).clamp(min=MIN_SCORE**2))
         correlation = projected_log_score(error, factor)
         # A large variance can lower the score of a large error, but not its squared error.
@@ -305,7 +312,9 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         if self.encoder is not None:
             latent = self.encoder.prior(latent)
         start = repeat_samples(s0, samples)
-        constant = torch.cat([latent, start], -1)[:, None].expand(-1, condition.shape[1], -1)
+        constant = torch.cat([latent, start[:, : self.start_size]], -1)[:, None].expand(
+            -1, condition.shape[1], -1
+        )
         inputs = torch.cat([condition, constant], -1)
         rows = (start, inputs, baseline.diff(dim=1), normal)
         forecasts = self.decoder.generate(*(values[None] for values in rows))[0]

@@ -9,7 +9,7 @@ from study.config.model_sections import Mlp, Network
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.base import Model, models
-from study.models.networks.dynamics import Architecture
+from study.models.networks.architecture import Architecture
 from study.models.networks.gaussian import GaussianDynamics
 from study.models.sampling import repeat_samples
 

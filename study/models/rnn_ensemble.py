@@ -9,7 +9,8 @@ from study.config.model_sections import Network
 from study.config.settings import Ensemble, Train
 from study.data.normalization import Normalization
 from study.models.base import Model
-from study.models.networks.dynamics import Architecture, DynamicsNetwork
+from study.models.networks.architecture import Architecture
+from study.models.networks.dynamics import DynamicsNetwork
 from study.models.networks.likelihood import optimal_variance_nll
 
 

@@ -9,8 +9,8 @@ from study.config.model_sections import Network, Vae
 from study.config.settings import Train
 from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
+from study.models.networks.architecture import Architecture
 from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
-from study.models.networks.dynamics import Architecture
 from study.models.posterior import posterior_statistics
 from study.models.sampling import repeat_samples
 

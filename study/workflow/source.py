@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-DATA_FILES = (".c", ".xml")
+DATA_FILES = (".c", ".h", ".xml")
 """Endings of data files that count as source."""
 
 INSTALLED = tuple(

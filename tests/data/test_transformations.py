@@ -145,6 +145,22 @@ def test_the_moments_are_those_of_the_orbit() -> None:
     assert shifted.state_mean[0] == pytest.approx(plain.state_mean[0] + 1.0, abs=0.5)
 
 
+def test_the_canonical_frame_of_a_data_set() -> None:
+    names = ("gain", "bx", "ax", "by", "ay", "vx", "vy")
+    pairs = (("vx", "vy"), ("ax", "ay"), ("bx", "by"))
+    turn = Turn(states=pairs, axis=(pairs[2], pairs[1]))
+    states = np.random.default_rng(0).normal(size=(10, 4, 7)).astype(np.float32)
+    none = np.zeros((10, 0), np.float32)
+    facts = {"state": [{"name": name} for name in names], "symmetries": Symmetries(turn).to_json()}
+    facts |= {"action": [{"name": "torque"}]}
+    data = Trajectories(states, np.ones((10, 3, 1), np.float32), none, none, facts)
+    units = Normalization.from_trajectories(data, SymmetryGroup.from_facts(facts))
+    np.testing.assert_array_equal(units.turned_pairs, [[5, 6], [2, 4], [1, 3]])
+    np.testing.assert_array_equal(units.axis, [[1, 3], [2, 4]])
+    without = Normalization.from_trajectories(data)
+    assert len(without.axis) == len(without.turned_pairs) == 0
+
+
 def test_the_copies_do_not_depend_on_the_call() -> None:
     data = trajectories()
     first, second = (list(orbit_parts(data, group(), 25)) for _ in range(2))

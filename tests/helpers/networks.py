@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from study.data.normalization import Normalization
-from study.models.networks.dynamics import Architecture, DynamicsNetwork
+from study.models.networks.architecture import Architecture
+from study.models.networks.dynamics import DynamicsNetwork
 from tests.helpers.models import ACTION, HORIZON, STATE, normalization
 
 ROWS, WIDTH, START = 5, 8, 2

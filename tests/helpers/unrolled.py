@@ -11,7 +11,7 @@ from study.models.unroll.unroll import Weights, torch_unroll, unroll
 
 @dataclass(frozen=True)
 class Sizes:
-    """M, B, T, D, K, P, H and L."""
+    """M, B, T, D, K, P, H, L and Q."""
 
     networks: int
     batch: int
@@ -21,6 +21,7 @@ class Sizes:
     stem: int
     memory: int
     layers: int
+    pairs: int = 0
 
     def width(self) -> int:
         return self.stem or self.memory
@@ -79,6 +80,11 @@ def case(sizes: Sizes, gain: bool = False, noise: bool = False) -> Case:
         # A sum over the units is of order one, so that gates do not saturate.
         return torch.randn(shape, generator=generator, dtype=torch.float64) * std
 
+    angles = torch.arange(k).flip(0) * 2 % max(d, 1)
+    columns = torch.tensor([column for column in range(d) if column not in angles.tolist()])
+    pairs = columns[torch.randperm(len(columns), generator=torch.Generator().manual_seed(0))]
+    pairs = pairs[: 2 * sizes.pairs].view(-1, 2).long()
+
     weights = Weights(
         state=normal(m, f, o),
         gates=normal(m, p, 3 * h),
@@ -95,9 +101,13 @@ def case(sizes: Sizes, gain: bool = False, noise: bool = False) -> Case:
         log_std_bias=normal(m, d, std=1.0) if noise else None,
         lowest=torch.full((d,), -torch.inf, dtype=torch.float64),
         highest=torch.full((d,), torch.inf, dtype=torch.float64),
-        angle_columns=torch.arange(k).flip(0) * 2 % max(d, 1),
+        angle_columns=angles,
         angle_mean=normal(k, std=1.0),
         angle_scale=normal(k, std=1.0),
+        pair_columns=pairs,
+        # The canonical frame's axis points from the last pair to the first.
+        axis_columns=pairs[[-1, 0]] if sizes.pairs else pairs,
+        axis_scale=normal(2 if sizes.pairs else 0, std=1.0),
     )
     return Case(
         weights,

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from study.data.normalization import Normalization
-from study.models.networks.dynamics import Architecture
+from study.models.networks.architecture import Architecture
 from study.models.networks.gaussian import GaussianDynamics
 from study.models.unroll.unroll import gru
 

@@ -12,7 +12,6 @@ CRPS generator        condition, sum of actions, ζ, s_0 none    functional, `ge
 ===================== ================================= ======= ============================
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -20,7 +19,9 @@ from torch import Tensor, nn
 from torch.nn.functional import pad, silu
 
 from study.data.normalization import Normalization
+from study.models.networks.architecture import Architecture
 from study.models.networks.linear import StackedLinear
+from study.models.unroll.frame import direction, turn
 from study.models.unroll.unroll import Weights, features, gru, unroll
 
 INPUT_GAIN = 3.0
@@ -29,49 +30,6 @@ hundredths of the range of the states. An initially smooth network learns contac
 
 MAX_ROWS = 240
 """Largest number of trajectories in one batch of forecasts. It bounds the memory."""
-
-
-@dataclass(frozen=True)
-class Architecture:
-    """What the network consists of.
-
-    Attributes:
-        inputs: I, the size of the inputs beside the state.
-        width: units of the stem and of each layer, and of the memory.
-        memory: whether there is a GRU.
-        start: with memory, the size of what h_0 depends on beside s_0.
-        product: whether the stem is a product, and headings are features. Without it, a network
-            with memory has neither stem nor layers, and the stem of one without memory is a layer.
-        layers: residual layers after the stem.
-        linear_start: whether the output depends linearly on s_0; only with `product`.
-        delta: whether the output is the state's change, in units of δ, or the state itself.
-        networks: M, the number of independent networks that are computed together.
-    """
-
-    inputs: int
-    width: int
-    memory: bool
-    start: int = 0
-    product: bool = True
-    layers: int = 2
-    linear_start: bool = True
-    delta: bool = True
-    networks: int = 1
-
-    @property
-    def stem_size(self) -> int:
-        """P."""
-        return self.width if self.product or not self.memory else 0
-
-    @property
-    def memory_size(self) -> int:
-        """H."""
-        return self.width if self.memory else 0
-
-    @property
-    def layers_count(self) -> int:
-        """L."""
-        return self.layers if self.stem_size else 0
 
 
 class DynamicsNetwork(nn.Module):
@@ -96,6 +54,9 @@ class DynamicsNetwork(nn.Module):
     - In a rollout, states stay within the range of the training states. So a sinking flight ends on
       the ground, and a state that is fed back cannot diverge.
 
+    - In the canonical frame (`study.models.unroll.frame`), f is a function of s_t turned by −φ_t,
+      and the change u · (…) is turned by φ_t.
+
     With `Architecture.product` off, f(s) = s, S = 0 and R = 0. Then y_t = h_{t+1} with memory, and
     p_t = silu(x_t B + b) without it.
 
@@ -110,6 +71,9 @@ class DynamicsNetwork(nn.Module):
     angles: Tensor
     angle_mean: Tensor
     angle_scale: Tensor
+    pairs: Tensor
+    axis: Tensor
+    axis_scale: Tensor
     gradient_decay = 1.0
     """Factor on the gradient of a state, at every step back."""
 
@@ -123,6 +87,13 @@ class DynamicsNetwork(nn.Module):
         self.register_buffer("angles", angles)
         self.register_buffer("angle_mean", torch.tensor(normalization.state_mean)[angles])
         self.register_buffer("angle_scale", torch.tensor(normalization.state_scale)[angles])
+        scale, axis = torch.tensor(normalization.state_scale), torch.tensor(normalization.axis)
+        axis = axis if architecture.canonical else axis[:0]
+        self.is_canonical = len(axis) > 0
+        pairs = torch.tensor(normalization.turned_pairs)
+        self.register_buffer("pairs", pairs if self.is_canonical else pairs[:0])
+        self.register_buffer("axis", axis)
+        self.register_buffer("axis_scale", scale[axis[:, 0]])
         unit = delta_std if architecture.delta else torch.ones_like(delta_std)
         self.register_buffer("unit", unit)
         self.register_buffer("lowest", torch.full_like(delta_std, -torch.inf))
@@ -172,9 +143,11 @@ class DynamicsNetwork(nn.Module):
             hidden: h_0 [M, B, H], with memory.
 
         Returns:
-            x_t S + y_t O + o [M, B, T, D], in units u, and y [M, B, T, W].
+            x_t S + y_t O + o [M, B, T, D], in units u and the canonical frame, and y [M, B, T, W].
         """
-        f = features(state, self.angles, self.angle_mean, self.angle_scale)
+        f = features(
+            self.to_canonical(state, state), self.angles, self.angle_mean, self.angle_scale
+        )
         x, shape = torch.cat([f, inputs], -1), self.architecture
         p = None
         if shape.product:
@@ -196,6 +169,13 @@ class DynamicsNetwork(nn.Module):
         if shape.product:
             output = output + self._linear(self.skip, x)
         return output, top
+
+    def to_canonical(self, values: Tensor, state: Tensor) -> Tensor:
+        """Turn vectors [..., D], in normalised units or in units u, to the frame of a state."""
+        if not self.is_canonical:
+            return values
+        cos, sin = direction(state, self.axis, self.axis_scale)
+        return turn(values, self.pairs, cos, -sin)
 
     def start(self, s0: Tensor, start: Tensor) -> Tensor:
         """h_0 [M, B, H] from s_0 [M, B, D] and what else it depends on [M, B, `start`]."""
@@ -234,7 +214,7 @@ class DynamicsNetwork(nn.Module):
         Args:
             s0: [M, B, D].
             inputs: i_{0:T-1} [M, B, T, I].
-            offset: [M, B, T, D].
+            offset: [M, B, T, D], in the canonical frame.
             hidden: h_0 [M, B, H], with memory.
             gain: multiplicative noise [M, B, T, W]; see `generator.py`.
             noise: additive noise [M, B, T, D]; see `gaussian.py`.
@@ -278,7 +258,7 @@ class DynamicsNetwork(nn.Module):
         terms = torch.baddbmm(bias, inputs.flatten(1, 2), inputs_weight)
         terms = terms.unflatten(1, inputs.shape[1:3])
         terms = torch.cat([terms[..., : self.size] + offset, terms[..., self.size :]], -1)
-        if self.architecture.delta:  # adds s_t to l
+        if self.architecture.delta and not self.is_canonical:  # adds s_t to l
             identity = torch.eye(self.features_size, self.size, device=s0.device)
             features_weight = features_weight + pad(identity, (0, weight.shape[2] - self.size))
         weights = self._weights(features_weight)
@@ -327,6 +307,9 @@ class DynamicsNetwork(nn.Module):
             self.angles,
             self.angle_mean,
             self.angle_scale,
+            self.pairs,
+            self.axis,
+            self.axis_scale,
         )
 
     def _log_std_weights(self) -> tuple[Tensor | None, Tensor | None]:

@@ -4,7 +4,8 @@ import torch
 from torch import Tensor, nn
 
 from study.data.normalization import Normalization
-from study.models.networks.dynamics import Architecture, DynamicsNetwork
+from study.models.networks.architecture import Architecture
+from study.models.networks.dynamics import DynamicsNetwork
 from study.models.networks.likelihood import heteroscedastic_nll
 from study.models.networks.linear import StackedLinear
 from study.models.unroll.unroll import bounded

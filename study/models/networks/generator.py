@@ -4,7 +4,8 @@ import torch
 from torch import Tensor
 
 from study.data.normalization import Normalization
-from study.models.networks.dynamics import Architecture, DynamicsNetwork
+from study.models.networks.architecture import Architecture
+from study.models.networks.dynamics import DynamicsNetwork
 from study.models.networks.linear import StackedLinear
 
 GRADIENT_DECAY = 0.8
@@ -46,21 +47,24 @@ class GeneratorDynamics(DynamicsNetwork):
             for layer in (self.output, self.noise_output, self.noise_shift):
                 layer.weight.mul_(0.3)
 
-    def transition(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """The normal distribution of (s_{t+1} − k s_t − offset_t) / u.
+    def transition(self, state: Tensor, inputs: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
+        """The normal distribution of a change of the state, in the canonical frame.
 
         Args:
             state: s_t [M, B, D].
             inputs: i_t [M, B, I].
+            change: (s_{t+1} − k s_t − offset_t) / u [M, B, D], as it was observed.
 
         Returns:
-            the mean [M, B, D] and a factor G [M, B, Z, D] of the covariance Gᵀ G.
+            the error of the mean, observed minus mean [M, B, D], and a factor G [M, B, Z, D] of the
+            covariance Gᵀ G.
         """
         mean, top = self.step(state, inputs)
+        error = self.to_canonical(change, state) - mean
         # (y · P_z) Q for all components of z at once.
         gains = self.noise_gain.weight[..., None] * self.noise_output.weight[:, None]
         factor = top @ gains.movedim(1, 2).flatten(2)
-        return mean, factor.unflatten(-1, (-1, self.size)) + self.noise_shift.weight[:, None]
+        return error, factor.unflatten(-1, (-1, self.size)) + self.noise_shift.weight[:, None]
 
     def generate(self, s0: Tensor, inputs: Tensor, offset: Tensor, noise: Tensor) -> Tensor:
         """s_{1:T} [M, B, T, D].

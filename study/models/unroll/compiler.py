@@ -27,7 +27,7 @@ def find() -> str | None:
     return next((path for name in names if name and (path := shutil.which(name))), None)
 
 
-def build(source: Path, compiler: str) -> Path:
+def build(source: Path, *headers: Path, compiler: str) -> Path:
     """Compile a source, unless the cache has its shared library.
 
     A damaged library would end the process when it is loaded. So the cache has a checksum beside
@@ -38,6 +38,7 @@ def build(source: Path, compiler: str) -> Path:
 
     Args:
         source: the C file.
+        headers: files of the study that it includes.
         compiler: path of the compiler.
 
     Returns:
@@ -47,7 +48,8 @@ def build(source: Path, compiler: str) -> Path:
         OSError: the compiler cannot be run, or it reports an error.
     """
     version = _run([compiler, "--version"])
-    parts = (source.read_text(encoding="utf-8"), version, _processor(), *FLAGS)
+    texts = [file.read_text(encoding="utf-8") for file in (source, *headers)]
+    parts = (*texts, version, _processor(), *FLAGS)
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:20]
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "study"
     try:

@@ -21,7 +21,10 @@ from study.models.unroll import compiler
 if TYPE_CHECKING:
     from study.models.unroll.unroll import Weights
 
-SOURCE = Path(__file__).with_name("unroll.c")
+SOURCES = tuple(
+    Path(__file__).with_name(name) for name in ("unroll.c", "layout.h", "pointwise.h", "vectors.h")
+)
+"""The C file, and the headers that it includes."""
 ROWS = 12
 """Number of trajectories of a block, as in the source."""
 
@@ -33,7 +36,7 @@ class Sizes(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_long) for name in ("batch", "steps", "state", "angles")),
-        *((name, ctypes.c_long) for name in ("stem", "memory", "layers")),
+        *((name, ctypes.c_long) for name in ("stem", "memory", "layers", "pairs")),
         ("decay", ctypes.c_float),
         ("bound", ctypes.c_float),
     )
@@ -42,6 +45,7 @@ class Sizes(ctypes.Structure):
     stem: int
     memory: int
     layers: int
+    pairs: int
     batch: int
     steps: int
 
@@ -50,8 +54,8 @@ class Sizes(ctypes.Structure):
         """The sizes of weights, and of a batch."""
         state, angles = len(weights.lowest), len(weights.angle_columns)
         stem, memory = weights.gates.shape[1], weights.hidden.shape[1]
-        layers = weights.layers.shape[1]
-        return cls(batch, steps, state, angles, stem, memory, layers, decay, bound)
+        layers, pairs = weights.layers.shape[1], len(weights.pair_columns)
+        return cls(batch, steps, state, angles, stem, memory, layers, pairs, decay, bound)
 
     @property
     def width(self) -> int:
@@ -66,7 +70,8 @@ class Sizes(ctypes.Structure):
     def _tape(self) -> list[int]:
         h, p, w = self.memory, self.stem, self.width
         features = self.state + 4 * self.angles
-        return [features, h, h, p, p, p, 4 * h, (self.layers + 1) * w, self.layers * w]
+        frame = 3 + self.state if self.pairs else 0
+        return [features, h, h, p, p, p, 4 * h, (self.layers + 1) * w, self.layers * w, frame]
 
     def tape_size(self) -> int:
         """Numbers in the tape for each step."""
@@ -74,7 +79,7 @@ class Sizes(ctypes.Structure):
 
     def split_tape(self, tape: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, list[Tensor]]:
         """f, h_t, p, [h_{t+1}, p] and y_0 … y_L, all [..., size], from the tape [..., size]."""
-        features, before, after, stem, _, _, _, tops, _ = tape.split(self._tape(), -1)
+        features, before, after, stem, _, _, _, tops, _, _ = tape.split(self._tape(), -1)
         start = features.shape[-1] + before.shape[-1]
         mixed = tape[..., start : start + after.shape[-1] + stem.shape[-1]]
         return features, before, stem, mixed, list(tops.split(self.width, -1))
@@ -106,7 +111,7 @@ def _structure(count: int) -> type[Any]:
     return type("Pointers", (ctypes.Structure,), {"_fields_": fields})
 
 
-_WEIGHTS, _INPUTS = _structure(17), _structure(5)
+_WEIGHTS, _INPUTS = _structure(20), _structure(5)
 _ARRAYS = {"forward": 3, "backward": 8}
 
 
@@ -116,7 +121,7 @@ def library() -> ctypes.CDLL | None:
     if (path := compiler.find()) is None:
         return None
     try:
-        compiled = ctypes.CDLL(str(compiler.build(SOURCE, path)))
+        compiled = ctypes.CDLL(str(compiler.build(*SOURCES, compiler=path)))
     except OSError as error:
         _log.warning("networks are unrolled in plain torch: %s", error)
         return None
@@ -172,7 +177,7 @@ def _call(
     """Call a function of the library for all blocks, on as many threads as torch uses."""
     structures = (
         sizes,
-        _WEIGHTS(*_pointers(_in_order_of_source(weights))),
+        _WEIGHTS(*_pointers(weights.tensors())),
         _INPUTS(*_pointers(inputs)),
     )
     pointers = [ctypes.addressof(structure) for structure in structures] + _pointers(arrays)
@@ -186,12 +191,6 @@ def _call(
         calls = [pool.submit(function, first, last, *pointers) for first, last in pairwise(bounds)]
     for finished in calls:
         finished.result()
-
-
-def _in_order_of_source(weights: "Weights") -> tuple[Tensor | None, ...]:
-    """The weights in the order of the structure `Weights` of the source."""
-    *rest, columns, mean, scale = weights.tensors()
-    return (*rest, mean, scale, columns)
 
 
 def _pointers(arrays: Sequence[Tensor | None]) -> list[int | None]:

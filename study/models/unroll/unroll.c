@@ -11,242 +11,9 @@
    with its own weights. A row adds its products in the same order for every batch size, so a
    forecast does not depend on the other forecasts of the batch. */
 
-#include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#ifdef __AVX512F__
-#define LANES 16
-#else
-#define LANES 8
-#endif
-#define WIDE (2 * LANES) /* columns of a tile: two vectors */
-#define TALL 6           /* rows of a tile: with WIDE columns, twelve registers of sums */
-#define ROWS 12          /* rows that go through the horizon together */
-
-typedef float vec __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
-typedef int32_t ivec __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
-
-static inline long padded(long columns) { return (columns + WIDE - 1) / WIDE * WIDE; }
-
-static inline vec choose(ivec where, vec yes, vec no)
-{
-    return (vec)((where & (ivec)yes) | (~where & (ivec)no));
-}
-
-/* exp by 2^k times a polynomial on [-ln 2 / 2, ln 2 / 2]: relative error about 1e-7. */
-static inline vec exponential(vec x)
-{
-    const vec zero = {0};
-    x = choose(x > 88.0f, zero + 88.0f, choose(x < -87.0f, zero - 87.0f, x));
-    const vec shifted = x * 1.44269504f + 12582912.0f; /* rounds to an integer k */
-    const vec k = shifted - 12582912.0f;
-    const vec f = (x - k * 0.693359375f) + k * 2.12194440e-4f;
-    vec p = zero + 1.9875691500e-4f;
-    p = p * f + 1.3981999507e-3f;
-    p = p * f + 8.3334519073e-3f;
-    p = p * f + 4.1665795894e-2f;
-    p = p * f + 1.6666665459e-1f;
-    p = p * f + 5.0000001201e-1f;
-    p = p * (f * f) + f + 1.0f;
-    const ivec scale = ((ivec)shifted << 23) + 0x3f800000;
-    return p * (vec)scale;
-}
-
-static inline vec sigmoid(vec x) { return 1.0f / (1.0f + exponential(-x)); }
-static inline vec hyperbolic_tangent(vec x) { return 1.0f - 2.0f / (1.0f + exponential(2.0f * x)); }
-static inline vec silu(vec x) { return x * sigmoid(x); }
-
-/* The derivative of `silu`. */
-static inline vec silu_slope(vec x)
-{
-    const vec s = sigmoid(x);
-    return s * (1.0f + x * (1.0f - s));
-}
-
-static inline vec load(const float *from) { return *(const vec *)from; }
-static inline void store(vec value, float *to) { *(vec *)to = value; }
-
-/* right [depth, columns] in strips of WIDE columns, each strip's rows one after the other. */
-static void pack(const float *right, long depth, long columns, long row, long column, float *packed)
-{
-    for (long strip = 0; strip < padded(columns); strip += WIDE)
-        for (long k = 0; k < depth; k++)
-            for (long j = strip; j < strip + WIDE; j++)
-                *packed++ = j < columns ? right[k * row + j * column] : 0.0f;
-}
-
-static inline __attribute__((always_inline)) void tile(
-    const int rows, long depth, const float *left, long left_row, const float *packed, float *sums,
-    long sums_row)
-{
-    vec a[TALL], b[TALL];
-    for (int i = 0; i < rows; i++) {
-        a[i] = *(const vec *)(sums + i * sums_row);
-        b[i] = *(const vec *)(sums + i * sums_row + LANES);
-    }
-    for (long k = 0; k < depth; k++) {
-        const vec first = *(const vec *)(packed + k * WIDE);
-        const vec second = *(const vec *)(packed + k * WIDE + LANES);
-        for (int i = 0; i < rows; i++) {
-            const float factor = left[i * left_row + k];
-            a[i] += factor * first;
-            b[i] += factor * second;
-        }
-    }
-    for (int i = 0; i < rows; i++) {
-        *(vec *)(sums + i * sums_row) = a[i];
-        *(vec *)(sums + i * sums_row + LANES) = b[i];
-    }
-}
-
-/* sums [rows, columns] += left [rows, depth] · right, which is packed. */
-static void product(
-    long rows, long depth, long columns, const float *left, long left_row, const float *packed,
-    float *sums, long sums_row)
-{
-    for (long strip = 0; strip < columns; strip += WIDE, packed += depth * WIDE) {
-        long i = 0;
-        for (; i + TALL <= rows; i += TALL)
-            tile(TALL, depth, left + i * left_row, left_row, packed, sums + i * sums_row + strip,
-                 sums_row);
-        const float *rest = left + i * left_row;
-        float *into = sums + i * sums_row + strip;
-        switch (rows - i) {
-        case 5: tile(5, depth, rest, left_row, packed, into, sums_row); break;
-        case 4: tile(4, depth, rest, left_row, packed, into, sums_row); break;
-        case 3: tile(3, depth, rest, left_row, packed, into, sums_row); break;
-        case 2: tile(2, depth, rest, left_row, packed, into, sums_row); break;
-        case 1: tile(1, depth, rest, left_row, packed, into, sums_row); break;
-        }
-    }
-}
-
-static float *zeros(long count)
-{
-    float *memory = calloc(count + WIDE, sizeof(float));
-    if (!memory) abort();
-    return memory;
-}
-
-typedef struct {
-    long batch, steps; /* B and T */
-    long state;        /* D */
-    long angles;       /* K */
-    long stem;         /* P */
-    long memory;       /* H */
-    long layers;       /* L */
-    float decay;       /* factor on the gradient of a state, at every step back */
-    float bound;       /* of the log standard deviation of additive noise */
-} Sizes;
-
-/* The leading axis of all weights is M. With F = D + 4K, O = D + 2P + 3H and width W = P, or H
-   without a stem. The columns of `state` are the output l, the stem's u and v, and the gates n, r
-   and u; those of `hidden` are r, u and n. */
-typedef struct {
-    const float *state;        /* [F, O] */
-    const float *gates;        /* [P, 3H] */
-    const float *hidden;       /* [H, 3H] */
-    const float *hidden_bias;  /* [H] */
-    const float *mix;          /* [H + P, P], with stem and memory */
-    const float *mix_bias;     /* [P] */
-    const float *layers;       /* [L, W, W] */
-    const float *layers_bias;  /* [L, W] */
-    const float *output;       /* [W, D] */
-    const float *noise_output; /* [W, D], or null without gains */
-    const float *log_std;      /* [W, D], or null without noise */
-    const float *log_std_bias; /* [D] */
-    /* without the axis M: */
-    const float *lowest, *highest;         /* [D] */
-    const float *angle_mean, *angle_scale; /* [K] */
-    const int64_t *angle_columns;          /* [K] */
-} Weights;
-
-/* What the forward pass reads: terms [M, B, T, O], state [M, B, D], hidden [M, B, H]. With
-   multiplicative noise gain [M, B, T, W], with additive noise noise [M, B, T, D]; else null. */
-typedef struct {
-    const float *terms, *state, *hidden, *gain, *noise;
-} Inputs;
-
-/* Offsets of a step's values in `tape`: features f [F], h_t [H], h_{t+1} [H], p [P], u [P], v [P],
-   the gates r, u, n and g_n [4H], y_0 … y_L [L + 1, W] and the layers' sums [L, W]. */
-typedef struct {
-    long features, before, after, stem, u, v, gates, top, sums, size;
-} Tape;
-
-/* Offsets of a step's values in `gradients`: the gradients of the terms [O] and of g_n [H], which
-   follow each other, of the mix [P] and of the layers' sums [L, W]. */
-typedef struct {
-    long terms, stem, gates, mix, sums, size;
-} Gradients;
-
-typedef struct {
-    long D, K, P, H, L, F, O, W;
-    Tape tape;
-    Gradients gradients;
-} Layout;
-
-static Layout layout(const Sizes *sizes)
-{
-    Layout n = {.D = sizes->state, .K = sizes->angles, .P = sizes->stem, .H = sizes->memory,
-                .L = sizes->layers};
-    n.F = n.D + 4 * n.K;
-    n.O = n.D + 2 * n.P + 3 * n.H;
-    n.W = n.P ? n.P : n.H;
-    Tape *tape = &n.tape;
-    tape->before = n.F;
-    tape->after = tape->before + n.H;
-    tape->stem = tape->after + n.H;
-    tape->u = tape->stem + n.P;
-    tape->v = tape->u + n.P;
-    tape->gates = tape->v + n.P;
-    tape->top = tape->gates + 4 * n.H;
-    tape->sums = tape->top + (n.L + 1) * n.W;
-    tape->size = tape->sums + n.L * n.W;
-    n.gradients.stem = n.D;
-    n.gradients.gates = n.D + 2 * n.P;
-    n.gradients.mix = n.O + n.H;
-    n.gradients.sums = n.gradients.mix + n.P;
-    n.gradients.size = n.gradients.sums + n.L * n.W;
-    return n;
-}
-
-static void copy(long count, const float *from, float *to)
-{
-    memcpy(to, from, count * sizeof(float));
-}
-
-/* f = [s, sin ψ, cos ψ, sin 2ψ, cos 2ψ] for the angles ψ of a state. */
-static void features(const Layout *n, const Weights *weights, const float *state, float *f)
-{
-    copy(n->D, state, f);
-    for (long k = 0; k < n->K; k++) {
-        const float angle =
-            state[weights->angle_columns[k]] * weights->angle_scale[k] + weights->angle_mean[k];
-        const float s = sinf(angle), c = cosf(angle);
-        float *values = f + n->D + k;
-        values[0] = s;
-        values[n->K] = c;
-        values[2 * n->K] = 2 * s * c;
-        values[3 * n->K] = c * c - s * s;
-    }
-}
-
-/* h_{t+1} from the sums x_n, r, u and g_n of a row, which `gates` replaces by r, u, n and g_n. */
-static void advance(long H, const float *sums, float *gates, long stride, float *h)
-{
-    for (long j = 0; j < H; j += LANES) {
-        const vec r = sigmoid(load(sums + H + j)), u = sigmoid(load(sums + 2 * H + j));
-        const vec g = load(sums + 3 * H + j);
-        const vec n = hyperbolic_tangent(load(sums + j) + r * g);
-        store(r, gates + j);
-        store(u, gates + stride + j);
-        store(n, gates + 2 * stride + j);
-        store(g, gates + 3 * stride + j);
-        store(n + u * (load(h + j) - n), h + j);
-    }
-}
+#include "vectors.h"
+#include "layout.h"
+#include "pointwise.h"
 
 /* The forward pass of the blocks first … last - 1. There are M · ceil(B / ROWS) blocks.
 
@@ -270,6 +37,7 @@ void forward(
     float *f = zeros(ROWS * f_row), *sums = zeros(ROWS * sums_row), *hp = zeros(ROWS * hp_row);
     float *h = zeros(ROWS * HH), *gates = zeros(ROWS * 4 * HH), *top = zeros(ROWS * WW);
     float *a = zeros(ROWS * WW), *s = zeros(ROWS * DD), *w = zeros(ROWS * DD);
+    float *previous = zeros(ROWS * DD), *frames = zeros(ROWS * 3);
     long packed = -1;
     for (long index = first; index < last; index++) {
         const long m = index / blocks, row = index % blocks * ROWS;
@@ -295,7 +63,8 @@ void forward(
             for (long i = 0; i < rows; i++) {
                 const long at = (m * batch + row + i) * steps + t;
                 float *row_sums = sums + i * sums_row;
-                features(&n, weights, s + i * DD, f + i * f_row);
+                if (n.Q) axis(weights, s + i * DD, frames + i * 3);
+                features(&n, weights, s + i * DD, frames + i * 3, f + i * f_row);
                 copy(O, inputs->terms + at * O, row_sums);
                 if (H) copy(H, weights->hidden_bias + m * H, row_sums + O);
                 if (tape) copy(H, h + i * HH, tape + at * n.tape.size + n.tape.before);
@@ -346,6 +115,7 @@ void forward(
             for (long i = 0; i < rows; i++) {
                 const long at = (m * batch + row + i) * steps + t;
                 if (tops) copy(W, top + i * WW, tops + at * W);
+                if (n.Q) copy(D, s + i * DD, previous + i * DD);
                 copy(D, sums + i * sums_row, s + i * DD);
                 if (inputs->noise) copy(D, weights->log_std_bias + m * D, w + i * DD);
                 const float *gain = inputs->gain ? inputs->gain + at * W : 0;
@@ -362,6 +132,14 @@ void forward(
                     store(exponential(bound * hyperbolic_tangent(load(row_w + j) / bound)), row_w + j);
                 for (long j = 0; inputs->noise && j < D; j++)
                     row_s[j] += row_w[j] * inputs->noise[at * D + j];
+                if (n.Q) {
+                    turn(&n, weights, frames + i * 3, 1, row_s);
+                    if (tape) {
+                        copy(3, frames + i * 3, tape + at * n.tape.size + n.tape.frame);
+                        copy(D, row_s, tape + at * n.tape.size + n.tape.change);
+                    }
+                    for (long j = 0; j < D; j++) row_s[j] += previous[i * DD + j];
+                }
                 for (long j = 0; j < D; j++) {
                     row_s[j] = row_s[j] > weights->highest[j] ? weights->highest[j] : row_s[j];
                     row_s[j] = row_s[j] < weights->lowest[j] ? weights->lowest[j] : row_s[j];
@@ -371,40 +149,8 @@ void forward(
         }
     }
     float *all[] = {by_state, by_stem, by_hidden, by_mix, by_layer, by_output, by_noise, by_log_std,
-                    f, sums, hp, h, gates, top, a, s, w};
+                    f, sums, hp, h, gates, top, a, s, w, previous, frames};
     for (unsigned i = 0; i < sizeof all / sizeof *all; i++) free(all[i]);
-}
-
-/* The chain rule through the gates. `grad_h` holds the gradient of h_{t+1}. Writes the gradients of
-   the sums x_n, r, u and g_n. Replaces `grad_h` by the direct part of the gradient of h_t. */
-static void through_gates(
-    long H, const float *restrict gates, const float *restrict before, float *restrict grad_h,
-    float *restrict sums)
-{
-    for (long j = 0; j < H; j++) {
-        const float r = gates[j], u = gates[H + j], n = gates[2 * H + j], g = gates[3 * H + j];
-        const float grad_n = grad_h[j] * (1 - u) * (1 - n * n);
-        sums[j] = grad_n;
-        sums[H + j] = grad_n * g * r * (1 - r);
-        sums[2 * H + j] = grad_h[j] * (before[j] - n) * u * (1 - u);
-        sums[3 * H + j] = grad_n * r;
-        grad_h[j] *= u;
-    }
-}
-
-/* The gradient of a state [D] from that of its features [F]. */
-static void through_features(
-    const Layout *n, const Weights *weights, float decay, const float *f, const float *grad_f,
-    float *grad_s)
-{
-    for (long j = 0; j < n->D; j++) grad_s[j] = decay * grad_f[j];
-    for (long k = 0; k < n->K; k++) {
-        const float *value = f + n->D + k, *grad = grad_f + n->D + k;
-        const long K = n->K;
-        const float slope = value[K] * grad[0] - value[0] * grad[K]
-                            + 2 * (value[3 * K] * grad[2 * K] - value[2 * K] * grad[3 * K]);
-        grad_s[weights->angle_columns[k]] += decay * weights->angle_scale[k] * slope;
-    }
 }
 
 /* The backward pass, from the last step to the first. Sizes and blocks are those of `forward`.
@@ -457,12 +203,14 @@ void backward(
                     if (grad_states) row_s[j] += grad_states[at * D + j];
                     if (s <= weights->lowest[j] || s >= weights->highest[j]) row_s[j] = 0;
                 }
-                copy(D, row_s, g + i * g_row);
+                float *row_g = g + i * g_row;
+                copy(D, row_s, row_g);
+                if (n.Q) turn(&n, weights, tape + at * n.tape.size + n.tape.frame, -1, row_g);
             }
-            if (D) product(rows, D, WW, grad_s, DD, by_output, top, WW);
+            if (D) product(rows, D, WW, g, g_row, by_output, top, WW);
             if (inputs->gain) {
                 memset(q, 0, ROWS * WW * sizeof(float));
-                product(rows, D, WW, grad_s, DD, by_noise, q, WW);
+                product(rows, D, WW, g, g_row, by_noise, q, WW);
                 for (long i = 0; i < rows; i++) {
                     const long at = (m * batch + row + i) * steps + t;
                     const float *step = tape + at * n.tape.size + n.tape.top + L * W;
@@ -520,7 +268,8 @@ void backward(
             product(rows, O, F, g, g_row, by_state, grad_f, FF);
             for (long i = 0; i < rows; i++) {
                 const long at = (m * batch + row + i) * steps + t;
-                through_features(&n, weights, sizes->decay, tape + at * n.tape.size,
+                const float *step = tape + at * n.tape.size;
+                through_features(&n, weights, sizes->decay, step, step + n.tape.frame,
                                  grad_f + i * FF, grad_s + i * DD);
                 copy(n.gradients.size, g + i * g_row, gradients + at * n.gradients.size);
             }

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.nn.functional import silu
 
 from study.models.unroll import kernel
+from study.models.unroll.frame import direction, turn
 
 LOG_STD_BOUND = 1.0
 """Bound of |w|, the log standard deviation of additive noise relative to its unit."""
@@ -42,6 +43,10 @@ class Weights:
         lowest, highest: [D], the bounds of a state.
         angle_columns: [K] int64, the angles among the state's components.
         angle_mean, angle_scale: [K], from normalised to SI units.
+        pair_columns: [Q, 2] int64, the pairs that the canonical frame turns (`frame.py`); with
+            Q = 0 there is no frame.
+        axis_columns: [2, 2] int64, the points of its axis; empty without a frame.
+        axis_scale: [2], from normalised to SI units; empty without a frame.
     """
 
     state: Tensor
@@ -61,6 +66,9 @@ class Weights:
     angle_columns: Tensor
     angle_mean: Tensor
     angle_scale: Tensor
+    pair_columns: Tensor
+    axis_columns: Tensor
+    axis_scale: Tensor
 
     def tensors(self) -> tuple[Tensor | None, ...]:
         """All weights, in the order of the attributes."""
@@ -86,6 +94,9 @@ def unroll(
         y ← y + silu(y W_i + w_i)                 i = 1 … L
         s_{t+1} = min(max(l + y W_o + (y · gain_t) W_q + exp(w) · noise_t, s_min), s_max)
         w = B tanh((y W_w + w_w) / B)
+
+    With a canonical frame, f is a function of s_t turned by −φ. The sum that gives s_{t+1} is then
+    the change of the state in that frame. It is turned by φ and added to s_t.
 
     The GRU is that of Cho et al. (2014), in the form of `torch.nn.GRU`. With D = 0 the networks
     have no state, and y is a sequence of hidden states.
@@ -151,6 +162,9 @@ def gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         angle_columns=none.long(),
         angle_mean=none,
         angle_scale=none,
+        pair_columns=none.long(),
+        axis_columns=none.long(),
+        axis_scale=none,
     )
     return unroll(weights, gates, hidden[..., :0], hidden, return_tops=True)[1]
 
@@ -171,6 +185,7 @@ def torch_unroll(
     noises = [None] * steps if noise is None else noise.unbind(2)
     angles = (weights.angle_columns, weights.angle_mean, weights.angle_scale)
     layers = list(zip(weights.layers.unbind(1), weights.layers_bias.unbind(1), strict=True))
+    has_frame = len(weights.pair_columns) > 0
     states, tops = [], []
     # Sequences are split once, since the gradient of an index at every step would copy the whole
     # sequence each time.
@@ -178,7 +193,11 @@ def torch_unroll(
         previous = state.view_as(state)
         if decay != 1 and previous.requires_grad:
             previous.register_hook(lambda gradient: decay * gradient)
-        sums = terms_t + features(previous, *angles) @ weights.state
+        local = previous
+        if has_frame:
+            cos, sin = direction(previous, weights.axis_columns, weights.axis_scale)
+            local = turn(previous, weights.pair_columns, cos, -sin)
+        sums = terms_t + features(local, *angles) @ weights.state
         skip, u, v, gates = sums.split([size, stem, stem, 3 * memory], dim=-1)
         top = u * silu(v)
         if memory:
@@ -199,6 +218,8 @@ def torch_unroll(
             assert weights.log_std_bias is not None
             w = bounded(top @ weights.log_std + weights.log_std_bias[:, None])
             state = state + torch.exp(w) * noise_t
+        if has_frame:
+            state = previous + turn(state, weights.pair_columns, cos, sin)
         state = torch.clamp(state, weights.lowest, weights.highest)
         states.append(state)
         tops.append(top)
@@ -304,7 +325,7 @@ def _weight_gradients(
         else torch.zeros_like(weights.layers_bias),
         tops[-1].mT @ output,
         noise_output,
-        *(None,) * 7,
+        *(None,) * 10,
     )
 
 

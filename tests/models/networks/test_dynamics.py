@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from study.models.networks.dynamics import Architecture, DynamicsNetwork
+from study.models.networks.architecture import Architecture
+from study.models.networks.dynamics import DynamicsNetwork
 from tests.helpers.models import ACTION, HORIZON, STATE
 from tests.helpers.networks import ROWS, WIDTH, architecture, history_of, inputs, randomize, units
 

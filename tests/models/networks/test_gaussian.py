@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from study.models.networks.dynamics import Architecture
+from study.models.networks.architecture import Architecture
 from study.models.networks.gaussian import VARIANCE_RATE, GaussianDynamics
 from study.models.unroll.unroll import LOG_STD_BOUND
 from tests.helpers.models import HORIZON, STATE

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
 
-from study.models.networks.dynamics import Architecture
+from study.data.normalization import Normalization
+from study.models.networks.architecture import Architecture
 from study.models.networks.generator import GRADIENT_DECAY, GeneratorDynamics
+from study.models.unroll.frame import turn
 from tests.helpers.models import ACTION, HORIZON, STATE
 from tests.helpers.networks import ROWS, architecture, randomize, units
 
@@ -43,6 +46,28 @@ def arguments() -> dict[str, Tensor]:
     }
 
 
+PAIRS = np.array([[0, 1], [3, 4], [5, 2]])
+"""Turned pairs of a state of seven components. The axis points from the first to the second."""
+
+
+def canonical() -> GeneratorDynamics:
+    """A generator in a canonical frame."""
+    scale, delta_std = np.full(7, 0.5, np.float32), np.full(7, 0.3, np.float32)
+    zero, one = np.zeros(7, np.float32), np.ones(ACTION, np.float32)
+    none = np.zeros((0, 3), np.int64)
+    units = Normalization(zero, scale, one, one, delta_std, none, PAIRS, PAIRS[:2])
+    torch.manual_seed(0)
+    generator = GeneratorDynamics(units, replace(shape_of(), canonical=True), NOISE, UNUSED)
+    randomize(generator)
+    return generator
+
+
+def turned(values: Tensor) -> Tensor:
+    """Vectors [..., 7] turned by 2 rad."""
+    angle = torch.tensor(2.0)
+    return turn(values, torch.from_numpy(PAIRS), angle.cos(), angle.sin())
+
+
 def set_output_to_zero(generator: GeneratorDynamics) -> None:
     for layer in (generator.skip, generator.output, generator.noise_shift, generator.noise_output):
         nn.init.zeros_(layer.weight)
@@ -55,16 +80,19 @@ def test_a_forecast_step_has_the_distribution_of_transition(rotating: bool, prod
     generator, values = trained(rotating, product), arguments()
     first = {name: value if name == "s0" else value[:, :, :1] for name, value in values.items()}
     forecast = generator.generate(**first)[:, :, 0]
-    mean, factor = generator.transition(values["s0"], values["inputs"][:, :, 0])
+    change = torch.randn(1, ROWS, STATE)
+    error, factor = generator.transition(values["s0"], values["inputs"][:, :, 0], change)
     assert factor.shape == (1, ROWS, NOISE, STATE)
-    output = mean + torch.einsum("mbz,mbzd->mbd", values["noise"][:, :, 0], factor)
+    output = change - error + torch.einsum("mbz,mbzd->mbd", values["noise"][:, :, 0], factor)
     unit = torch.from_numpy(units().delta_std)
     torch.testing.assert_close(forecast, values["s0"] + unit * output + values["offset"][:, :, 0])
 
 
 def test_the_covariance_depends_on_the_state() -> None:
     generator, values = trained(), arguments()
-    _, factor = generator.transition(5 * values["s0"], values["inputs"][:, :, 0])
+    _, factor = generator.transition(
+        5 * values["s0"], values["inputs"][:, :, 0], torch.zeros(1, ROWS, STATE)
+    )
     assert (factor[0, 0] - factor[0, 1]).abs().max() > 0.01
 
 
@@ -121,3 +149,30 @@ def test_all_weights_are_trained(product: bool) -> None:
             assert parameter.grad.any(), name
     assert generator.stem.weight.grad is not None
     assert generator.stem.weight.grad[:, -UNUSED:].any(-1).all()
+
+
+def test_in_the_canonical_frame_forecasts_turn_with_the_state() -> None:
+    generator, values = canonical(), arguments() | {"s0": torch.randn(1, ROWS, 7)}
+    values["offset"] = torch.zeros(1, ROWS, HORIZON, 7)
+    forecast = generator.generate(**values)
+    of_turned = generator.generate(**values | {"s0": turned(values["s0"])})
+    torch.testing.assert_close(of_turned, turned(forecast), rtol=1e-4, atol=1e-4)
+    assert (of_turned - forecast).abs().max() > 0.1
+
+
+def test_in_the_canonical_frame_a_step_has_the_distribution_of_transition() -> None:
+    generator, values = canonical(), arguments() | {"s0": torch.randn(1, ROWS, 7)}
+    first = {name: value if name == "s0" else value[:, :, :1] for name, value in values.items()}
+    first["offset"] = torch.zeros(1, ROWS, 1, 7)
+    change = (generator.generate(**first)[:, :, 0] - values["s0"]) / 0.3
+    error, factor = generator.transition(values["s0"], values["inputs"][:, :, 0], change)
+    expected = torch.einsum("mbz,mbzd->mbd", values["noise"][:, :, 0], factor)
+    torch.testing.assert_close(error, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_in_the_canonical_frame_a_transition_does_not_depend_on_direction() -> None:
+    generator, state, change = canonical(), torch.randn(1, ROWS, 7), torch.randn(1, ROWS, 7)
+    inputs = torch.randn(1, ROWS, ACTION + UNUSED)
+    expected = generator.transition(state, inputs, change)
+    found = generator.transition(turned(state), inputs, turned(change))
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)

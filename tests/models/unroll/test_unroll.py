@@ -31,6 +31,8 @@ SIZES = [
     Sizes(2, 7, 3, 2, 0, 1, 0, 0),  # a unit alone
     Sizes(2, 5, 4, 3, 0, 0, 7, 0),  # without a stem: a GRU
     Sizes(2, 14, 6, 5, 1, 0, 18, 2),
+    Sizes(1, 13, 4, 7, 0, 9, 0, 2, pairs=3),  # in a canonical frame
+    Sizes(2, 5, 3, 6, 1, 6, 5, 1, pairs=2),
 ]
 
 
@@ -75,10 +77,17 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
         for entry in fields(Weights)
         if (value := getattr(arguments.weights, entry.name)) is not None
     }
-    shared = ("lowest", "highest", "angle_columns", "angle_mean", "angle_scale")
+    shared = {entry.name for entry in fields(Weights)[12:]}
     w = {key: value if key in shared else value[m] for key, value in weights.items()}
     s, h = arguments.state[m, b].numpy(), arguments.hidden[m, b].numpy()
     for t in range(sizes.steps):
+        previous, turned = s, np.eye(sizes.state)
+        if sizes.pairs:
+            start, end = s[w["axis_columns"]] * w["axis_scale"][:, None]
+            cos, sin = (end - start) / np.linalg.norm(end - start)
+            for x, y in w["pair_columns"]:
+                turned[np.ix_([x, y], [x, y])] = [[cos, -sin], [sin, cos]]
+            s = turned.T @ s
         angle = s[w["angle_columns"]] * w["angle_scale"] + w["angle_mean"]
         waves = [np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)]
         sums = arguments.terms[m, b, t].numpy() + np.concatenate([s, *waves]) @ w["state"]
@@ -101,6 +110,8 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
             log_std = y @ w["log_std"] + w["log_std_bias"]
             log_std = LOG_STD_BOUND * np.tanh(log_std / LOG_STD_BOUND)
             s = s + np.exp(log_std) * arguments.noise[m, b, t].numpy()
+        if sizes.pairs:
+            s = previous + turned @ s
         s = np.minimum(np.maximum(s, w["lowest"]), w["highest"])
         yield s, y
 
@@ -115,6 +126,7 @@ def trajectory(arguments: Case, sizes: Sizes, m: int, b: int) -> Iterator[tuple[
         Sizes(2, 3, 4, 3, 1, 5, 0, 2),
         Sizes(2, 3, 4, 3, 0, 0, 5, 0),
         Sizes(2, 3, 4, 3, 1, 0, 5, 1),
+        Sizes(2, 3, 4, 5, 0, 5, 0, 1, pairs=2),
     ],
 )
 def test_the_equations(sizes: Sizes, gain: bool, noise: bool) -> None:
