@@ -116,7 +116,7 @@ class RecurrentCvae(nn.Module):
         """s_0, the decoder's inputs, the offset and h_0, with a leading axis of one network."""
         hidden = self.decoder.start(s0[None], condition[None, :, 0])
         # ŝ = x̂ + b, so a change of x̂ needs the change of b as well.
-        offset = baseline[:, 1:] - baseline[:, :-1] if self.delta else baseline[:, 1:]
+        offset = baseline.diff(dim=1) if self.delta else baseline[:, 1:]
         return s0[None], torch.cat([condition, latent], -1)[None], offset[None], hidden
 
 
