@@ -76,6 +76,12 @@ def register_own(model: str, settings_class: type[Any]) -> None:
     _registered[PREFIX + model] = made
 
 
+def register_system(name: str, settings: type[Any]) -> None:
+    """Register the section of a recorded system (`study.config.recorded`)."""
+    _check(name, settings)
+    _registered[name] = settings
+
+
 def sections_of(settings_class: type[Any]) -> list[str]:
     """The fields of a model's `settings_class` that are sections."""
     kinds = get_type_hints(settings_class)

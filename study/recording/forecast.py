@@ -123,9 +123,7 @@ def success_so_far(simulator: Simulator, states: Floats, goal: Floats) -> Double
         goal: [G] in SI units.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
-        close = distance <= simulator.radius
-    return np.asarray(np.maximum.accumulate(close, axis=-1).mean(axis=0))
+        return np.asarray(simulator.reached(states, goal).mean(axis=0))
 
 
 def _titles(examples: Sequence[Example]) -> list[str]:

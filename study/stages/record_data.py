@@ -11,7 +11,7 @@ from study.common.progress import Progress
 from study.common.provenance import made_with, settings_of
 from study.config.stage_settings import RecordDataSettings
 from study.data.trajectories import Trajectories
-from study.envs import simulators
+from study.envs.observe import system_of
 from study.recording.data import record_data
 
 TRAJECTORIES = 20
@@ -23,7 +23,8 @@ def run(
 ) -> None:
     """Run the stage."""
     trajectories = Trajectories.load(inputs["data"] / "train.safetensors")[:TRAJECTORIES]
-    simulator = simulators[settings.environment](horizon=trajectories.horizon)
+    step = trajectories.facts["control_step"]
+    simulator = system_of(settings.environment, settings.recorded, trajectories.horizon, step)
     properties = {
         "environment": settings.environment,
         "seed": str(trajectories.facts["seed"]),

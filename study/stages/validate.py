@@ -14,7 +14,7 @@ from study.common.seeds import spawn
 from study.config.stage_settings import ValidateSettings
 from study.data.kernel import Kernel
 from study.data.trajectories import ScenarioSet
-from study.envs import simulators
+from study.envs.observe import system_of
 from study.metrics.brier import brier_fair, brier_oracle, climatology, skill
 from study.metrics.variance import median_ratio, variance_ratio
 from study.models.checkpoints import load_model
@@ -28,7 +28,7 @@ def run(
     """Run the stage."""
     validation = ScenarioSet.load(inputs["data"] / "validation.safetensors")
     observed = validation.observed
-    simulator = simulators[settings.environment](horizon=validation.actions.shape[1])
+    simulator = system_of(settings.environment, settings.recorded, validation.actions.shape[1])
     model = load_model(inputs["trained"] / "model.safetensors")
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(validation))
