@@ -15,7 +15,7 @@ LONGEST = 60
 RESERVED = (
     "all",
     "analogues",
-    "climatology",
+    "training_climatology",
     "ensemble",
     "oracle",
     "paper",

@@ -9,11 +9,11 @@ A section of the YAML file whose name stands in ``grid.environments`` describes 
       state: ["x [m]", "v = velocity.x [m/s]"]
       action: [throttle]
       interval: 0.1
-      outcomes: {passes the gate: x > 3 at any step}
+      outcomes: ["passes the gate = x > 3 at any step"]
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from study.common.errors import BadInput, shown
@@ -60,12 +60,12 @@ class Recorded:
             cosine.
         position: two or three state variables that recordings draw in space; empty draws none.
         plotted: state variables that figures plot; empty lets the figure choose.
-        outcomes: conditions by name, such as ``hypot(x, y) < 0.5 at any step``, the main one first.
+        outcomes: conditions such as ``arrives = hypot(x, y) < 0.5 at any step``, the main one first.
             A condition holds ``at any step``, ``at every step`` or ``at the end``.
         turn: pairs of variables that turn together about the vertical, such as ``x y``.
         turn_angles: state variables to which the angle of a turn is added.
         mirror: variables that change their sign in a mirror image.
-        shifts: largest amount by which variables such as ``x goal_x`` can be shifted together.
+        shifts: variables that can be shifted together, and the largest amount: ``x goal_x = 20``.
         rotating_pairs: ``a b angle``: a and b are components along axes that the angle rotates.
     """
 
@@ -94,16 +94,16 @@ class Recorded:
     angles_as: str = setting("unwrapped", choices=("unwrapped", "sine_cosine"))
     position: tuple[str, ...] = ()
     plotted: tuple[str, ...] = ()
-    outcomes: Mapping[str, str] = field(default_factory=dict)
+    outcomes: tuple[str, ...] = ()
     turn: tuple[str, ...] = ()
     turn_angles: tuple[str, ...] = ()
     mirror: tuple[str, ...] = ()
-    shifts: Mapping[str, float] = field(default_factory=dict)
+    shifts: tuple[str, ...] = ()
     rotating_pairs: tuple[str, ...] = ()
 
     def of_data(self) -> "Recorded":
         """The settings on which the data set depends: those without outcomes and pictures."""
-        return replace(self, outcomes={}, position=(), plotted=())
+        return replace(self, outcomes=(), position=(), plotted=())
 
 
 @dataclass(frozen=True)

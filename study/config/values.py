@@ -15,17 +15,13 @@ LISTS = {
     str: "a list of names, such as [a, b]",
 }
 FRACTIONS = Mapping[str, float]
-"""The type of settings that are numbers by name, such as `grid.levels`."""
-TEXTS = Mapping[str, str]
-"""The type of settings that are texts by name: the outcomes of a recorded system."""
-MAPPINGS = {FRACTIONS: float, TEXTS: str}
-"""The types of settings that are mappings, with the type of their values."""
+"""The type of `grid.levels`, the only setting that is a mapping."""
 
 
 def is_supported(kind: Any) -> bool:
     """Whether settings can have the type `kind`."""
     plain, _ = _without_none(kind)
-    return plain in WORDS or plain in MAPPINGS or _items(plain) in LISTS
+    return plain in WORDS or plain == FRACTIONS or _items(plain) in LISTS
 
 
 def takes_text(kind: Any) -> bool:
@@ -38,8 +34,6 @@ def allowed(kind: Any) -> str:
     plain, may_be_none = _without_none(kind)
     if plain == FRACTIONS:
         return "[low, high] or fractions by name, such as {low: 1.0, tiny: 0.01}"
-    if plain == TEXTS:
-        return "texts by name, such as {arrives: x > 3 at any step}"
     words = LISTS[_items(plain)] if _items(plain) else WORDS[plain]
     return f"{words} or null" if may_be_none else words
 
@@ -65,7 +59,7 @@ def check_setting(
             raise BadInput(f"{name}: got an empty list; give at least one value")
         if len(set(typed)) < len(typed):
             raise BadInput(f"{name}: got {shown(list(typed))}; each value may stand there once")
-    if isinstance(typed, Mapping) and not typed and default != {}:
+    if isinstance(typed, Mapping) and not typed:
         raise BadInput(f"{name}: got nothing; it must be {allowed(kind)}")
     items: Sequence[Any] = (typed,)
     if isinstance(typed, tuple | Mapping):
@@ -97,13 +91,12 @@ def _typed(name: str, kind: Any, value: Any) -> Any:
         if len(wrong := [each for each in value if not _is(item, each)]):
             raise BadInput(f"{name}: got {shown(wrong[0])} in it; it must be {allowed(kind)}")
         return tuple(float(each) if item is float else each for each in value)
-    if plain in MAPPINGS and isinstance(value, Mapping):
-        item = MAPPINGS[plain]
-        for key, entry in value.items():
-            if not isinstance(key, str) or not _is(item, entry):
-                given = f"{shown(key)}: {shown(entry)}"
+    if plain == FRACTIONS and isinstance(value, Mapping):
+        for key, fraction in value.items():
+            if not isinstance(key, str) or not _is(float, fraction):
+                given = f"{shown(key)}: {shown(fraction)}"
                 raise BadInput(f"{name}: got {given} in it; it must be {allowed(kind)}")
-        return {key: item(entry) for key, entry in value.items()}
+        return {key: float(fraction) for key, fraction in value.items()}
     if plain in WORDS and _is(plain, value):
         return float(value) if plain is float else value
     hint = ""

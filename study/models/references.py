@@ -1,16 +1,17 @@
 """Reference forecasters of a recorded system, which has no oracle: they need data and no training.
 
-=============  =====================================================================================
-climatology    the states of K training windows at each step, whatever s_0 and the actions are
-persistence    s_0, plus the change by each step in K training windows, whatever s_0 and the actions
-               are: a persistence forecast with the spread that the data have
-analogues      s_0, plus the change by each step in the K training windows that began most alike and
-               had the most similar actions (Lorenz, J. Atmos. Sci. 26, 1969)
-=============  =====================================================================================
+====================  ==============================================================================
+training_climatology  the states of K training windows at each step, whatever s_0 and the actions
+                      are
+persistence           s_0, plus the change by each step in K training windows, whatever s_0 and the
+                      actions are: a persistence forecast with the spread of the data
+analogues             s_0, plus the change by each step in the K training windows that began most
+                      alike and had the most similar actions (Lorenz, J. Atmos. Sci. 26, 1969)
+====================  ==============================================================================
 
 The distance of two windows is the mean squared difference of s_0 over its D components, plus the
 mean squared difference of the actions over steps and components, in standard deviations of the
-training data. Sums of changes move angles by whole turns as well as any other value.
+training data.
 """
 
 from collections.abc import Callable

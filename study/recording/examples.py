@@ -124,7 +124,7 @@ def build_example(
     """
     names = ("s0", "actions", "goal", "observed", "forecast", "member", "members")
     values = {name: arrays[name][row] for name in names if name in arrays}
-    if "member" in values:
+    if "member" in values and simulator.has_position:
         parts = position_variance(simulator, values["forecast"], values["member"])
         values |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
     return Example(title=title, description=description, **values)

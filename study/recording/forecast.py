@@ -161,10 +161,19 @@ def _design(
             )
             for dimension, variable in enumerate(simulator.state)
         ]
-        observed_paths = simulator.position(example.observed[:PATHS])
-        eyes[root] = viewpoint.eye(observed_paths, simulator.target(example.goal))
+        if simulator.has_position:
+            eyes[root] = _eye(simulator, example)
     split = {root for root, e in zip(roots.values(), examples, strict=True) if _is_split(e)}
     return blueprints.forecast(roots, views, eyes, split)
+
+
+def _eye(simulator: Simulator, example: Example) -> rrb.EyeControls3D:
+    """An eye with the observed paths in view; without them, the forecast paths."""
+    states = example.observed if len(example.observed) else example.forecast
+    target = simulator.target(example.goal)
+    if not simulator.has_target:
+        target = simulator.position(example.s0)
+    return viewpoint.eye(simulator.position(states[:PATHS]), target)
 
 
 def _log_about(
@@ -198,17 +207,18 @@ def _log_example(
     example: Example,
 ) -> None:
     """Log all views of an example but its bands: scene, paths, success and standard deviation."""
-    _log_scene(stream, f"{root}/scene", simulator, model, example)
-    paths.log_scenario(
-        stream,
-        f"{root}/paths",
-        simulator,
-        example.goal,
-        example.observed[:PATHS],
-        example.forecast[:PATHS],
-        None if example.member is None else example.member[:PATHS],
-        example.members,
-    )
+    if simulator.has_position:
+        _log_scene(stream, f"{root}/scene", simulator, model, example)
+        paths.log_scenario(
+            stream,
+            f"{root}/paths",
+            simulator,
+            example.goal,
+            example.observed[:PATHS],
+            example.forecast[:PATHS],
+            None if example.member is None else example.member[:PATHS],
+            example.members,
+        )
     _log_success(stream, f"{root}/success", simulator, example)
     if example.aleatoric is not None and example.epistemic is not None:
         position = simulator.position(example.observed)

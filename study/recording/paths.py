@@ -132,7 +132,8 @@ def log_scenario(
     if member is not None:
         count = len(members) if members is not None else member.max() + 1
         colours = [series(int(m) % count) for m in member]
-    log_target(stream, f"{root}/target", target, simulator.radius)
+    if simulator.has_target:
+        log_target(stream, f"{root}/target", target, simulator.radius)
     log_paths(stream, f"{root}/observed", observed_paths, OBSERVED, 0.5)
     log_paths(stream, f"{root}/forecast", forecast_paths, colours, 0.5)
     if members is not None:

@@ -101,10 +101,13 @@ class Description:
     def conditions(self) -> Mapping[str, Condition]:
         """The outcomes by name."""
         known = [*self._names_in_states(), *(variable.name for variable in self.goal)]
-        return {
-            name: Condition.parse(text, known, f"{self.name}.outcomes: '{name}'")
-            for name, text in self.settings.outcomes.items()
-        }
+        found: dict[str, Condition] = {}
+        for text in self.settings.outcomes:
+            name, condition = self._named("outcomes", text, "arrives = x > 3 at any step")
+            if name in found:
+                raise BadInput(f"{self.name}.outcomes: two are named '{name}'; give another name")
+            found[name] = Condition.parse(condition, known, f"{self.name}.outcomes: '{name}'")
+        return found
 
     @cached_property
     def exclusions(self) -> tuple[Expression, ...]:
@@ -137,8 +140,8 @@ class Description:
         every = [name for names in of.values() for name in names]
         self._known("turn", [name for pair in pairs for name in pair], every)
         self._known("mirror", settings.mirror, every)
-        moved = {text: text.split() for text in settings.shifts}
-        self._known("shifts", [name for names in moved.values() for name in names], every)
+        moved = [self._shift(text) for text in settings.shifts]
+        self._known("shifts", [name for names, _ in moved for name in names], every)
         return Symmetries(
             Turn(
                 **{g: tuple(p for p in pairs if p[0] in names) for g, names in of.items()},
@@ -146,9 +149,8 @@ class Description:
             ),
             Mirror(**{g: _among(settings.mirror, names) for g, names in of.items()}),
             tuple(
-                Shift(-amount, amount, _among(moved[text], of["states"]),
-                      _among(moved[text], of["goal"]))
-                for text, amount in settings.shifts.items()
+                Shift(-amount, amount, _among(names, of["states"]), _among(names, of["goal"]))
+                for names, amount in moved
             ),
         )
 
@@ -170,6 +172,23 @@ class Description:
 
     def _names_in_states(self) -> list[str]:
         return [*(variable.name for variable in self.state), *self.settings.angles]
+
+    def _named(self, setting: str, text: str, example: str) -> tuple[str, str]:
+        """The two parts of ``NAME = REST``."""
+        name, equals, rest = (part.strip() for part in text.partition(" = "))
+        if not (name and equals and rest):
+            raise BadInput(f"{self.name}.{setting}: got {shown(text)}; write {example}")
+        return name, rest
+
+    def _shift(self, text: str) -> tuple[list[str], float]:
+        """The variables and the largest amount of a shift."""
+        names, amount = self._named("shifts", text, "x goal_x = 20")
+        try:
+            return names.split(), float(amount)
+        except ValueError:
+            raise BadInput(
+                f"{self.name}.shifts: got {shown(text)}; the amount must be a number"
+            ) from None
 
     def _split(self, setting: str, text: str, count: int) -> list[str]:
         names = text.split()
