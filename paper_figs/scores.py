@@ -60,8 +60,8 @@ def rollouts(results: Path, environment: str = "") -> int | None:
 def main_outcome(results: Path, environment: str) -> str:
     """The name of the main outcome; a recorded system names its own in ``study.json``."""
     try:
-        return str(next(iter(_settings(results)[environment]["outcomes"])))
-    except (OSError, ValueError, KeyError, TypeError, StopIteration):
+        return str(_settings(results)[environment]["outcomes"][0]).partition(" = ")[0]
+    except (OSError, ValueError, KeyError, TypeError, IndexError):
         return "reaches the goal"
 
 
