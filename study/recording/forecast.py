@@ -14,6 +14,8 @@ from study.plotting.palette import FORECAST, OBSERVED
 from study.recording import bands, blueprints, paths, scenes, viewpoint
 from study.recording.examples import Example
 from study.recording.properties import Properties, write_markdown, write_readme
+from study.recording.recorded import README as README_RECORDED
+from study.recording.recorded import recorded_about
 from study.recording.streams import (
     entity_below,
     entity_path,
@@ -100,7 +102,7 @@ def record_forecast(
     design = _design(simulator, examples, roots, quantiles)
     # The index of hundreds of small entities would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
-        write_readme(stream, readme, properties)
+        write_readme(stream, readme if simulator.has_target else README_RECORDED, properties)
         model = simulator.scene()
         if examples:
             scenes.log_fixed(stream, simulator, model, examples[0].s0)
@@ -122,6 +124,8 @@ def success_so_far(simulator: Simulator, states: Floats, goal: Floats) -> Double
         states: [K, T, D] in SI units.
         goal: [G] in SI units.
     """
+    if not len(states):
+        return np.full(states.shape[1], np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(simulator.reached(states, goal).mean(axis=0))
 
@@ -180,6 +184,10 @@ def _log_about(
     stream: rr.RecordingStream, root: str, simulator: Simulator, example: Example, notes: str
 ) -> None:
     """Log the panel of an example: its origin, its outcome, and how to read its views."""
+    if not simulator.has_target:
+        about = recorded_about(simulator, example, notes)
+        write_markdown(stream, f"{root}/about", about)
+        return
     observed = success_so_far(simulator, example.observed, example.goal)[-1]
     forecast = success_so_far(simulator, example.forecast, example.goal)[-1]
     seconds = simulator.control_step * len(example.actions)
@@ -208,7 +216,8 @@ def _log_example(
 ) -> None:
     """Log all views of an example but its bands: scene, paths, success and standard deviation."""
     if simulator.has_position:
-        _log_scene(stream, f"{root}/scene", simulator, model, example)
+        if len(example.observed):
+            _log_scene(stream, f"{root}/scene", simulator, model, example)
         paths.log_scenario(
             stream,
             f"{root}/paths",

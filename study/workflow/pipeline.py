@@ -100,14 +100,7 @@ class Pipeline:
 
         The oracle's label and seed do not contain the level, so both levels share one task.
         """
-        settings = EvaluateSettings(
-            cell.environment,
-            cell.model,
-            derive(cell.environment, cell.model, cell.seed, "forecasts"),
-            self.config.evaluate,
-            self._recorded(cell.environment),
-            self._training_set(cell) if cell.model in FROM_DATA else None,
-        )
+        settings = self.evaluate_settings(cell)
         inputs = {"data": self.collect(cell.environment)}
         classes: list[type] = [self._system(cell.environment)]
         if cell.model == "ensemble":
@@ -117,6 +110,17 @@ class Pipeline:
             classes.append(models[cell.model])
         label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
         return self._task("evaluate", label, settings, classes, **inputs)
+
+    def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
+        """The settings of `evaluate`, which need no log of a recorded system."""
+        return EvaluateSettings(
+            cell.environment,
+            cell.model,
+            derive(cell.environment, cell.model, cell.seed, "forecasts"),
+            self.config.evaluate,
+            self._recorded(cell.environment),
+            self._training_set(cell) if cell.model in FROM_DATA else None,
+        )
 
     def record_data(self, environment: str) -> Task:
         """The Rerun recording of one environment's training data."""
