@@ -43,7 +43,8 @@ class Recorded:
         time: column of the time in seconds; null is that of the format, if it has one.
         interval: seconds from one row to the next, for logs without a time column.
         control_step: seconds between states; the logs are resampled to it. null keeps the rows.
-        largest_gap: seconds without a row beyond which the time jumps; null is five intervals.
+        largest_gap: seconds without a row beyond which the time jumps; null is five intervals, or
+            two control steps if these are longer.
         breaks: what a jump of the time or a non-finite value does: it is an error, or it splits the
             trajectory.
         longest_trajectory: seconds; longer trajectories are cut into pieces of this length. The

@@ -17,6 +17,8 @@ from study.data.readers.angles import euler
 from study.data.readers.table import Table
 
 MICROSECONDS = 1e-6
+HEADER, MESSAGE_HEADER = 16, 3
+"""Bytes of the header of a file, and of that of a message: its length and its type."""
 
 
 def read(path: Path) -> list[Table]:
@@ -27,6 +29,7 @@ def read(path: Path) -> list[Table]:
     """
     from pyulog import ULog
 
+    _check_complete(path)
     with contextlib.redirect_stdout(io.StringIO()):  # it prints warnings
         log = ULog(str(path))
     if log.file_corruption:
@@ -42,6 +45,24 @@ def read(path: Path) -> list[Table]:
         time = np.asarray(topic.data["timestamp"], np.float64) * MICROSECONDS
         tables.append(Table(columns | _angles(columns), time, name=name, first_row=0))
     return tables
+
+
+def _check_complete(path: Path) -> None:
+    """Check that the file ends with a whole message; the reader ignores a part of one.
+
+    Raises:
+        BadInput: it does not.
+    """
+    content = path.read_bytes()
+    position = HEADER
+    while position < len(content):
+        end = position + MESSAGE_HEADER + int.from_bytes(content[position : position + 2], "little")
+        if end > len(content):
+            raise BadInput(
+                f"{path}: the ULog is truncated: its last message begins at byte {position} and is "
+                f"incomplete; copy the log again, or keep its first {position} bytes"
+            )
+        position = end
 
 
 def _angles(columns: dict[str, Array]) -> dict[str, Array]:

@@ -17,6 +17,8 @@ from study.data.recorded.resampling import grid, interpolate, mean_of_steps, pre
 
 GAP = 5.0
 """Median intervals without a row that are a gap, unless the setting `largest_gap` says otherwise."""
+STEPS = 2.0
+"""Control steps that are a gap, if they are longer."""
 IRREGULAR = 0.1
 """Share of an interval by which rows that are not resampled may be early or late."""
 
@@ -250,7 +252,9 @@ class _Log:
         if not len(interval):
             return np.ones(0, bool)
         median = float(np.median(interval))
-        largest = self.settings.largest_gap or GAP * median
+        largest = self.settings.largest_gap or max(
+            GAP * median, STEPS * (self.settings.control_step or 0.0)
+        )
         joined = interval <= largest
         if not joined.all() and self.settings.breaks == "error":
             first = int(np.flatnonzero(~joined)[0])

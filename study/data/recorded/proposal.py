@@ -166,7 +166,7 @@ def _times(tables: Sequence[TableReport], proposal: Proposal) -> list[str]:
         lines.append(f"  time: {_quoted(time[0])}  # CHECK: in seconds?")
     if proposal.resample:
         lines.append(f"  control_step: {proposal.step:g}  # CHECK: seconds")
-    if any(t.gaps or t.backwards for t in tables) and len(tables) == 1:
+    if any(t.gaps and t.largest > 2 * (proposal.step or 0) for t in tables):
         lines.append("  breaks: split  # the time jumps, see above")
     if proposal.longest is not None:
         lines.append(

@@ -20,6 +20,8 @@ from study.data.recorded.pieces import Piece, pieces_of
 SIDES = ("train", "validation", "test")
 FEWEST = 2
 """Windows of each side, at least."""
+LARGEST_ANGLE = 20.0
+"""A logged angle beyond this is hardly in rad."""
 CHUNK = 1000
 """Windows that are in memory together."""
 
@@ -206,3 +208,22 @@ def _check_copies(pieces: Sequence[Piece]) -> None:
                 f"{piece.trajectory}: it has the same numbers as {other}; leave one of them out, "
                 "since copies could be in the training set and in the test set"
             )
+
+
+def unit_warnings(system: Description, split: Split) -> list[str]:
+    """A sentence for each variable in rad whose values look like degrees."""
+    windows = split.windows["train"]
+    warnings = []
+    for column, variable in enumerate(system.state):
+        if variable.unit != "rad" and variable.name not in system.settings.angles:
+            continue
+        # An unwrapped angle may turn many times, but it begins as it was logged.
+        is_unwrapped = column in system.unwrapped
+        values = [p.states[:1, column] if is_unwrapped else p.states[:, column] for p in windows.pieces]
+        largest = max(float(np.abs(part).max(initial=0.0)) for part in values)
+        if largest > LARGEST_ANGLE:
+            warnings.append(
+                f"{system.name}.state: '{variable.name}' is {largest:.3g}, and its unit is rad; is it "
+                "in degrees?"
+            )
+    return warnings
