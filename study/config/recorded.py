@@ -18,7 +18,7 @@ from typing import Any
 
 from study.common.errors import BadInput, shown
 from study.common.registry import check_name
-from study.config.sections import register_system, registered, setting
+from study.config.sections import register_systems, registered, setting
 from study.config.settings import SECTIONS, Config
 
 MARK = "files"
@@ -163,6 +163,7 @@ def register_recorded(content: Mapping[str, Any]) -> None:
     """
     grid = content.get("grid")
     environments = grid.get("environments", ()) if isinstance(grid, Mapping) else ()
+    names = []
     for name, section in content.items():
         if not isinstance(section, Mapping) or name in SECTIONS:
             continue
@@ -171,7 +172,8 @@ def register_recorded(content: Mapping[str, Any]) -> None:
         is_named = isinstance(environments, list | tuple) and name in environments
         if MARK in section or is_named:
             check_name("recorded system", name, "grid.environments")
-            register_system(name, Recorded)
+            names.append(name)
+    register_systems(names, Recorded)
 
 
 def recorded_of(config: Config, environment: str) -> Recorded | None:

@@ -28,6 +28,9 @@ NO_STATE = re.compile(
     r"|[._](eph|epv|dt|dist_bottom\w*|\w*_dt|\w*covariance\w*)(\[\d+\])*$|innov|inconsistency)",
     re.I,
 )
+SINE = re.compile(r"(sin|cos)", re.I)
+GOAL = "goal."
+"""Begins the columns of the goal in data sets that `export` wrote."""
 DEGREES = 20.0
 """An angle beyond this is not in rad, unless it was unwrapped over several turns."""
 
@@ -41,8 +44,8 @@ class ColumnReport:
         low: smallest finite value; NaN for text.
         high: largest finite value.
         nonfinite: rows that are not finite.
-        role: what it looks like: state, action, angle, time, trajectory, reset, constant, text or
-            other.
+        role: what it looks like: state, action, goal, angle, time, trajectory, reset, constant, text
+            or other.
         notes: what a reader should know.
     """
 
@@ -205,6 +208,8 @@ def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, lis
     whole = bool((values == np.round(values)).all())
     if whole and TRAJECTORY.search(last) and (np.diff(values) != 0).mean() < 0.5:
         return "trajectory", [f"{len(np.unique(values))} values"]
+    if name.startswith(GOAL):
+        return "goal", []
     if NO_STATE.search(name):
         return "other", ["looks like no part of the state"]
     topic = name.rpartition(".")[0]
@@ -220,6 +225,8 @@ def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, lis
 
 def _is_angle(name: str, values: Doubles, low: float, high: float) -> bool:
     """Whether a column jumps by whole turns, or has the name of an angle and is in range."""
+    if SINE.match(name):
+        return False
     jumps = np.abs(np.diff(values))
     jumps_turn = (np.abs(jumps - 2 * np.pi) < 1.0).any() and -np.pi - 0.01 <= low and high < 6.3
     return bool(jumps_turn or (ANGLE.search(name) and high - low < 400))

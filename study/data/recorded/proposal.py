@@ -99,6 +99,9 @@ def to_yaml(inspection: Inspection, proposal: Proposal, name: str, patterns: Seq
         "  action:" + ("" if proposal.action else " []  # CHECK: no column looks like an action"),
         *_variables(proposal.action),
     ]
+    goal = [column for table in tables for column in table.of_role("goal")]
+    if goal:
+        lines += ["  goal:", *_variables(goal)]
     if proposal.others:
         lines.append("  # further columns that vary:")
         lines += [f"  #   {_range(column)}" for column in proposal.others]
