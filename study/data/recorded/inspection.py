@@ -17,7 +17,8 @@ ANGLE = re.compile(
     r"(theta|angle|roll|pitch|yaw|heading|phi|psi|azimuth|orientation)(_?\d+|_rad|_deg)?$", re.I
 )
 ACTION = re.compile(
-    r"(action|torque|cmd|command|control|setpoint|input|throttle|force|motor|effort|steer|brake)",
+    r"(action|torque|cmd|command|control|setpoint|input|throttle|force|motor|effort|steer|brake)"
+    r"|^u_?\d*$",
     re.I,
 )
 ACTION_TOPIC = re.compile(r"(action|actuator|cmd|command|setpoint)", re.I)
