@@ -49,7 +49,8 @@ class Recorded:
             trajectory.
         longest_trajectory: seconds; longer trajectories are cut into pieces of this length. The
             pieces of one log can then be on both sides of a split.
-        exclude: rows in which one of these conditions holds are left out.
+        exclude: rows in which one of these conditions holds are left out. In them ``t`` is the time
+            in seconds since the log began.
         horizon: control steps T of a window; collect.horizon overrides it.
         stride: steps from the start of one training window to the next.
         test_stride: the same for validation and test windows; null is the horizon, so that these

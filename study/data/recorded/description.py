@@ -14,6 +14,8 @@ from study.data.symmetries import Mirror, Shift, Symmetries, Turn
 from study.data.variables import Variable
 
 SINE, COSINE = "sin", "cos"
+LOG_TIME = "t"
+"""In conditions under which rows are left out: seconds since the log began."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ class Description:
         """The conditions under which rows are left out."""
         groups = ("state", "action", "goal")
         known = [column.name for group in groups for column in self.columns(group)]
+        known += [LOG_TIME] * (LOG_TIME not in known)
         return tuple(
             Expression.parse(text, known, f"{self.name}.exclude") for text in self.settings.exclude
         )

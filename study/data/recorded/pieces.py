@@ -12,7 +12,7 @@ from study.common.arrays import Array, Booleans, Doubles, Floats
 from study.common.errors import BadInput, nearest, shown
 from study.data.readers import read
 from study.data.readers.table import Table
-from study.data.recorded.description import Description
+from study.data.recorded.description import LOG_TIME, Description
 from study.data.recorded.resampling import grid, interpolate, mean_of_steps, previous
 
 GAP = 5.0
@@ -107,6 +107,7 @@ class _Log:
                 f"{path}: the columns are in {len(self.used)} topics with their own times "
                 f"({rates}); give {system.name}.control_step"
             )
+        self.start = min(float(self.time(table)[0]) for table in self.used)
 
     def _table(self, tables: Sequence[Table], column: str, setting: str) -> Table:
         for table in tables:
@@ -145,7 +146,7 @@ class _Log:
         found = []
         for title, first, end in zip(titles, begins, [*begins[1:], len(table)], strict=True):
             rows = slice(int(first), int(end))
-            good = self._good(table, names, values, rows)
+            good = self._good(table, names, values, rows, time[rows])
             joined = self._joined(table, time[rows], rows)
             last = len(good)
             # A run ends before a row that is left out and at a gap.
@@ -205,11 +206,13 @@ class _Log:
             )
         return numbers.to_numpy(np.float64)
 
-    def _good(self, table: Table, names: list[str], values: Doubles, rows: slice) -> Booleans:
+    def _good(
+        self, table: Table, names: list[str], values: Doubles, rows: slice, time: Doubles
+    ) -> Booleans:
         """The rows of a trajectory that are finite and not excluded, [n]."""
         part = values[rows]
         good = np.ones(len(part), bool)
-        excluded = self._excluded(table, names, part)
+        excluded = self._excluded(names, part, time)
         actions = {column.column for column in self.columns["action"]}
         for i, name in enumerate(names):
             finite = np.isfinite(part[:, i]) | excluded
@@ -225,14 +228,16 @@ class _Log:
             good &= finite
         return good & ~excluded
 
-    def _excluded(self, table: Table, names: list[str], part: Doubles) -> Booleans:
+    def _excluded(self, names: list[str], part: Doubles, time: Doubles) -> Booleans:
+        """The rows [n] of a table that the settings leave out."""
         excluded = np.zeros(len(part), bool)
         by_column = {c.column: c.name for group in self.columns.values() for c in group}
-        values = {by_column[name]: part[:, i] for i, name in enumerate(names)}
+        values = {LOG_TIME: time - self.start}
+        values |= {by_column[name]: part[:, i] for i, name in enumerate(names)}
         for expression in self.system.exclusions:
             if set(expression.names) <= set(values):
                 excluded |= np.broadcast_to(expression.evaluate(values), excluded.shape)
-            elif set(expression.names) & set(values):
+            elif set(expression.names) & set(values) - {LOG_TIME}:
                 raise BadInput(
                     f"{self.system.name}.exclude: '{expression.text}' uses columns of several "
                     "topics; use those of one"

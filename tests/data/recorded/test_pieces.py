@@ -127,3 +127,10 @@ def test_an_error_names_file_column_and_row(
     for message in (str(path), *messages):
         assert message in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_the_time_of_the_log_leaves_out_its_end(tmp_path: Path) -> None:
+    frame = log()
+    frame["t"] += 100.0
+    (piece,) = pieces(written(tmp_path, frame), exclude=("t > 1.95",))
+    assert len(piece) == 20
