@@ -68,9 +68,7 @@ def plot(results: Path) -> list[Path]:
     for environment in environments(scores):
         part = scores[scores["environment"] == environment]
         observed, main = rollouts(results, environment), main_outcome(results, environment)
-        tables = {
-            level: blocks(part, environment, level, observed, main) for level in levels(part)
-        }
+        tables = {level: blocks(part, environment, level, observed, main) for level in levels(part)}
         with_terms = bool(part["metric"].isin(TERMS).any())
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
             path = folder / f"outcomes_{environment}.{suffix}"

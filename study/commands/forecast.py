@@ -134,7 +134,10 @@ def print_forecast(
     duration = f"{steps} steps, {simulator.control_step * steps:.3g} s"
     say(terminal, f"{request.cell.name}, {request.title}: {request.description}")
     counts = f"{len(example.forecast)} forecasts and {len(example.observed)} observed rollouts"
-    say(terminal, f"{counts} of {duration}" if simulator.control_step else f"{counts}, {steps} steps")
+    say(
+        terminal,
+        f"{counts} of {duration}" if simulator.control_step else f"{counts}, {steps} steps",
+    )
     if infinite := int((~finite_samples(example)).sum()):
         say(terminal, f"{infinite} forecasts are not finite and count as none of the outcomes")
     if outcomes := outcome_rows(simulator, example):

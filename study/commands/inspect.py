@@ -107,7 +107,9 @@ def _check_target(path: Path) -> str:
 def _columns(report: TableReport) -> Table:
     """A table with a row for each column."""
     title = report.name or "columns"
-    table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0), title_justify="left")
+    table = Table(
+        title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0), title_justify="left"
+    )
     for header in ("column", "looks like"):
         table.add_column(header)
     for header in ("low", "high", "not finite"):

@@ -62,8 +62,8 @@ class Recorded:
             cosine.
         position: two or three state variables that recordings draw in space; empty draws none.
         plotted: state variables that figures plot; empty lets the figure choose.
-        outcomes: conditions such as ``arrives = hypot(x, y) < 0.5 at any step``, the main one first.
-            A condition holds ``at any step``, ``at every step`` or ``at the end``.
+        outcomes: conditions such as ``arrives = hypot(x, y) < 0.5 at any step``, the main one
+            first. A condition holds ``at any step``, ``at every step`` or ``at the end``.
         turn: pairs of variables that turn together about the vertical, such as ``x y``.
         turn_angles: state variables to which the angle of a turn is added.
         mirror: variables that change their sign in a mirror image.

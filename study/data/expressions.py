@@ -52,10 +52,7 @@ def wrap(angle: Array) -> Array:
 
 
 FUNCTIONS: Mapping[str, tuple[Callable[..., Any], int]] = {
-    **{
-        name: (getattr(np, name), 1)
-        for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan")
-    },
+    **{name: (getattr(np, name), 1) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan")},
     **{name: (getattr(np, name), 1) for name in ("arcsin", "arccos", "arctan")},
     **{name: (getattr(np, name), 2) for name in ("arctan2", "hypot", "minimum", "maximum")},
     "wrap": (wrap, 1),
@@ -140,7 +137,9 @@ class Condition:
     def parse(cls, text: str, known: Iterable[str], subject: str) -> "Condition":
         """Parse and check ``EXPRESSION at any step``; see `Expression.parse`."""
         match = re.fullmatch(r"(.*?)\s+(at\s+.*)", text.strip(), re.DOTALL)
-        expression, when = (match[1], " ".join(match[2].split())) if match else (text, "at any step")
+        expression, when = (
+            (match[1], " ".join(match[2].split())) if match else (text, "at any step")
+        )
         if when not in WHEN:
             raise BadInput(f"{subject}: got {shown(when)}; {nearest(when, WHEN)}")
         return cls(Expression.parse(expression, known, subject), when)
@@ -196,8 +195,10 @@ def _check(node: ast.AST, known: list[str], subject: str) -> list[str]:
             children = list(arguments)
         case _:
             part = ast.unparse(node)
-            raise BadInput(f"{subject}: {shown(part)} is not allowed; use variables, numbers, "
-                           f"operators and the functions {', '.join(FUNCTIONS)}")
+            raise BadInput(
+                f"{subject}: {shown(part)} is not allowed; use variables, numbers, "
+                f"operators and the functions {', '.join(FUNCTIONS)}"
+            )
     return [name for child in children for name in _check(child, known, subject)]
 
 
@@ -231,8 +232,8 @@ def _evaluate(node: ast.expr, values: Mapping[str, Array]) -> Any:
         case ast.Compare(left=left, ops=ops, comparators=others):
             terms = [_evaluate(term, values) for term in (left, *others)]
             holds: Any = True
-            for operator, first, second in zip(ops, terms, terms[1:], strict=False):
-                holds = np.logical_and(holds, OPERATORS[type(operator)](first, second))
+            for comparison, first, second in zip(ops, terms, terms[1:], strict=False):
+                holds = np.logical_and(holds, OPERATORS[type(comparison)](first, second))
             return holds
         case ast.Call(func=ast.Name(id=name), args=arguments):
             return FUNCTIONS[name][0](*(_evaluate(argument, values) for argument in arguments))

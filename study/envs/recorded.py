@@ -53,16 +53,12 @@ class RecordedSystem(Simulator):
         system.state, system.action = self.description.state, self.description.action
         system.goal = self.description.goal
         system.plotted = settings.plotted
+        system.has_position = bool(settings.position)
         system.rotating_pairs = self.description.rotating_pairs
         system.symmetries = self.description.symmetries
         system.default_horizon = settings.horizon
         system.control_step = settings.control_step or settings.interval or step
         super().__init__(horizon)
-
-    @property
-    def has_position(self) -> bool:
-        """Whether the settings name a position."""
-        return bool(self.description.settings.position)
 
     def position(self, states: Floats) -> Floats:
         """Positions [..., 3]; zero where the settings name no axis."""

@@ -14,10 +14,9 @@ estimate has mean zero for equal distributions and can be negative. The biased o
 The samples of one scenario, step and dimension are scalars. `study.metrics.kernel_sums` therefore
 computes the sums over pairs in linear time, exact to 1e-9.
 
-**One observed rollout** (L = 1), as of a recorded system. The second mean does not exist and is left
-out. The unbiased estimate is then 1 plus `kernel_score`: a proper score, whose lowest expected
-value is not zero, but the observed variance that the kernel sees. Differences between forecasters
-keep their meaning.
+**One observed rollout** (L = 1), as of a recorded system. The second mean does not exist and is
+left out. The unbiased estimate is then 1 plus `kernel_score`: a proper score, whose lowest expected
+value is not zero. Differences between forecasters keep their meaning.
 
 **Non-finite forecasts.** A value that is not finite, or lies more than 1e15 bandwidths from the
 observed values, has the kernel 1 with every forecast and 0 with every observed value. These are the

@@ -259,9 +259,7 @@ def data(
     for title, root in roots.items():
         scene = ["/scene/**", f"{root}/scene/**"]
         paths = ["/paths/**", f"{root}/paths/**"]
-        distance = plot(
-            distance_title, ["/distance", f"{root}/distance", "/radius"], legend=None
-        )
+        distance = plot(distance_title, ["/distance", f"{root}/distance", "/radius"], legend=None)
         below: rrb.View | rrb.Container = distance
         if close_up is not None:
             close = _scene("Close-up", scene, close_up, f"{root}/{FOLLOW}")

@@ -283,7 +283,9 @@ def _about_recorded(simulator: Simulator, trajectories: Trajectories, item: _Sel
     states, goal = trajectories.states[item.row, 1:], trajectories.goal[item.row]
     seconds = simulator.control_step * trajectories.horizon
     happened = simulator.outcomes(states, goal)
-    outcomes = "".join(f"- {name}: **{'yes' if yes else 'no'}**\n" for name, yes in happened.items())
+    outcomes = "".join(
+        f"- {name}: **{'yes' if yes else 'no'}**\n" for name, yes in happened.items()
+    )
     return (
         f"# {item.title}\n\nOf the {len(trajectories)} windows of this recording, window "
         f"{item.row} *{item.rule}* within {seconds:.3g} s ({trajectories.horizon} steps of "

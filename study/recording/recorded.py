@@ -22,8 +22,8 @@ same actions.
 """
 _PATHS = "- *Observed and forecast paths*: the position in space.\n"
 _OUTCOME = (
-    "- *Probability of success so far*: the share of forecasts in which the main outcome, *{name}*, "
-    "holds for the part up to each step.\n"
+    "- *Probability of success so far*: the share of forecasts in which the main outcome, "
+    "*{name}*, holds for the part up to each step.\n"
 )
 _OF_MEMBERS = """
 ## The ensemble

@@ -35,7 +35,9 @@ def test_a_condition_up_to_each_step(text: str, so_far: list[list[bool]]) -> Non
 
 def test_a_value_that_is_not_finite_meets_no_condition() -> None:
     for text in ("x < 9", "not x > 9", "x != 1"):
-        holds = Expression.parse(text, KNOWN, "outcomes").evaluate({"x": np.array([np.nan, np.inf])})
+        holds = Expression.parse(text, KNOWN, "outcomes").evaluate(
+            {"x": np.array([np.nan, np.inf])}
+        )
         assert not holds.any()
 
 

@@ -15,7 +15,8 @@ ACTIONS = RNG.normal(size=(COUNT, STEPS, 1)).astype(np.float32)
 START = RNG.normal(size=(COUNT, 1, 2)).astype(np.float32)
 SUM = np.cumsum(ACTIONS, axis=1)
 STATES = np.concatenate([START, START + np.concatenate([SUM, -SUM], axis=2)], axis=1)
-TRAINING = Trajectories(STATES, ACTIONS, np.empty((COUNT, 0)), np.empty((COUNT, 0)), {})
+NOTHING = np.empty((COUNT, 0), np.float32)
+TRAINING = Trajectories(STATES, ACTIONS, NOTHING, NOTHING, {})
 S0 = np.array([[5.0, 0.0], [0.0, -5.0]], np.float32)
 
 

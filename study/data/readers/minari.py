@@ -35,7 +35,9 @@ def read(path: Path) -> list[Table]:
     with h5py.File(file_path, "r") as file:
         names = sorted((n for n in file if n.startswith("episode_")), key=_number)
         for name in names:
-            observations, actions = (_array(path, file[name], k) for k in ("observations", "actions"))
+            observations, actions = (
+                _array(path, file[name], k) for k in ("observations", "actions")
+            )
             widths = observations.shape[1], actions.shape[1]
             padded = np.full((len(observations), widths[1]), np.nan)
             padded[: len(actions)] = actions

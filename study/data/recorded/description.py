@@ -75,7 +75,9 @@ class Description:
         for column in self.columns("state"):
             if column.name in self.settings.angles and self.settings.angles_as == "sine_cosine":
                 variables += [
-                    Variable(f"{function}_{column.name}", "1", f"{word} of {column.name}", -1.0, 1.0)
+                    Variable(
+                        f"{function}_{column.name}", "1", f"{word} of {column.name}", -1.0, 1.0
+                    )
                     for function, word in ((SINE, "sine"), (COSINE, "cosine"))
                 ]
             else:
@@ -147,8 +149,10 @@ class Description:
         self._known("shifts", [name for names, _ in moved for name in names], every)
         return Symmetries(
             Turn(
-                **{g: tuple(p for p in pairs if p[0] in names) for g, names in of.items()},
-                angles=settings.turn_angles,
+                tuple(pair for pair in pairs if pair[0] in of["states"]),
+                tuple(pair for pair in pairs if pair[0] in of["actions"]),
+                tuple(pair for pair in pairs if pair[0] in of["goal"]),
+                settings.turn_angles,
             ),
             Mirror(**{g: _among(settings.mirror, names) for g, names in of.items()}),
             tuple(
@@ -202,7 +206,9 @@ class Description:
     def _known(self, setting: str, names: Iterable[str], known: Sequence[str]) -> None:
         for name in names:
             if name not in known:
-                raise BadInput(f"{self.name}.{setting}: no variable '{name}'; {nearest(name, known)}")
+                raise BadInput(
+                    f"{self.name}.{setting}: no variable '{name}'; {nearest(name, known)}"
+                )
 
 
 def _variable(column: Column) -> Variable:

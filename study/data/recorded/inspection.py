@@ -11,7 +11,7 @@ import pandas as pd
 from study.common.arrays import Array, Doubles
 from study.data.readers import read
 from study.data.readers.table import Table
-from study.data.recorded.pieces import GAP
+from study.data.recorded.rows import GAP
 
 ANGLE = re.compile(
     r"(theta|angle|roll|pitch|yaw|heading|phi|psi|azimuth|orientation)(_?\d+|_rad|_deg)?$", re.I
@@ -23,7 +23,9 @@ ACTION = re.compile(
 )
 ACTION_TOPIC = re.compile(r"(action|actuator|cmd|command|setpoint)", re.I)
 TIME = re.compile(r"(^|[._])(t|time|timestamp|stamp|ts|seconds|sec)$|_ts$|fake_ts", re.I)
-TRAJECTORY = re.compile(r"(episode|traj|trajectory|run|flight|rollout|trial)(_?(id|index|no))?$", re.I)
+TRAJECTORY = re.compile(
+    r"(episode|traj|trajectory|run|flight|rollout|trial)(_?(id|index|no))?$", re.I
+)
 NO_STATE = re.compile(
     r"(reward|return|done|terminat|truncat|epoch|index|label|valid|counter|timestamp|status|flag"
     r"|[._](eph|epv|dt|dist_bottom\w*|\w*_dt|\w*covariance\w*)(\[\d+\])*$|innov|inconsistency)",
@@ -45,8 +47,8 @@ class ColumnReport:
         low: smallest finite value; NaN for text.
         high: largest finite value.
         nonfinite: rows that are not finite.
-        role: what it looks like: state, action, goal, angle, time, trajectory, reset, constant, text
-            or other.
+        role: what it looks like: state, action, goal, angle, time, trajectory, reset, constant,
+            text or other.
         notes: what a reader should know.
     """
 
@@ -205,7 +207,9 @@ def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, lis
         return "time", []
     is_flag = len(distinct) <= 2 and set(distinct) <= {0.0, 1.0}
     if is_flag and 0 < (values != 0).mean() < 0.1 and values[0] != 0:
-        return "reset", [f"not zero in {int((values != 0).sum())} rows: trajectories may begin there"]
+        return "reset", [
+            f"not zero in {int((values != 0).sum())} rows: trajectories may begin there"
+        ]
     whole = bool((values == np.round(values)).all())
     if whole and TRAJECTORY.search(last) and (np.diff(values) != 0).mean() < 0.5:
         return "trajectory", [f"{len(np.unique(values))} values"]

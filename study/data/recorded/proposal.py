@@ -150,7 +150,9 @@ def _lengths(tables: Sequence[TableReport], step: float | None) -> list[int]:
 
 
 def _trajectories(tables: Sequence[TableReport]) -> list[str]:
-    roles = {role: [c.name for t in tables for c in t.of_role(role)] for role in ("reset", "trajectory")}
+    roles = {
+        role: [c.name for t in tables for c in t.of_role(role)] for role in ("reset", "trajectory")
+    }
     if any(table.by_format for table in tables):
         return []
     if roles["reset"]:
@@ -192,7 +194,10 @@ def _variable(column: ColumnReport) -> str:
 def _short(column: str) -> str:
     """A name that can stand in an expression: of a topic's field, the field."""
     last = column.rpartition(".")[2] if "." in column else column
-    if last.startswith(("control[", "data[", "position[", "velocity[", "effort[")) or "." not in column:
+    if (
+        last.startswith(("control[", "data[", "position[", "velocity[", "effort["))
+        or "." not in column
+    ):
         last = last if "." in column else column
     return re.sub(r"\W+", "_", last).strip("_") or "variable"
 

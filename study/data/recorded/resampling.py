@@ -11,7 +11,7 @@ TOLERANCE = 1e-6
 def grid(first: float, last: float, step: float) -> Doubles:
     """The times from `first` to `last`, `step` seconds apart, [N]."""
     count = int(np.floor((last - first) / step + TOLERANCE))
-    return first + step * np.arange(count + 1)
+    return np.asarray(first + step * np.arange(count + 1), np.float64)
 
 
 def interpolate(time: Doubles, values: Array, at: Doubles) -> Doubles:

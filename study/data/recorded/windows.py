@@ -219,11 +219,13 @@ def unit_warnings(system: Description, split: Split) -> list[str]:
             continue
         # An unwrapped angle may turn many times, but it begins as it was logged.
         is_unwrapped = column in system.unwrapped
-        values = [p.states[:1, column] if is_unwrapped else p.states[:, column] for p in windows.pieces]
+        values = [
+            p.states[:1, column] if is_unwrapped else p.states[:, column] for p in windows.pieces
+        ]
         largest = max(float(np.abs(part).max(initial=0.0)) for part in values)
         if largest > LARGEST_ANGLE:
             warnings.append(
-                f"{system.name}.state: '{variable.name}' is {largest:.3g}, and its unit is rad; is it "
-                "in degrees?"
+                f"{system.name}.state: '{variable.name}' is {largest:.3g}, and its unit is rad; "
+                "is it in degrees?"
             )
     return warnings

@@ -126,7 +126,11 @@ def _variances(
     predicted = decompose(forecast, member)
     share = epistemic_share(predicted, scale)
     return [
-        *(_ratios(predicted, forecast, observed, scale, dimensions) if observed.shape[1] > 1 else ()),
+        *(
+            _ratios(predicted, forecast, observed, scale, dimensions)
+            if observed.shape[1] > 1
+            else ()
+        ),
         by_dimension_and_step("epistemic_share", share, dimensions),
         by_step("epistemic_share", mean_of_known(share, 1)),
         overall("epistemic_share", float(mean_of_known(share))),

@@ -54,7 +54,9 @@ def test_csv_and_parquet(tmp_path: Path) -> None:
     for name in ("log.csv", "log.parquet"):
         (table,) = read(tmp_path / name)
         np.testing.assert_allclose(table.columns["x"], VALUES)
-    frame.assign(time=pd.to_datetime(frame["time"], unit="s")).to_parquet(tmp_path / "dates.parquet")
+    frame.assign(time=pd.to_datetime(frame["time"], unit="s")).to_parquet(
+        tmp_path / "dates.parquet"
+    )
     (table,) = read(tmp_path / "dates.parquet")
     np.testing.assert_allclose(table.columns["time"], TIME, atol=1e-6)
 
@@ -65,8 +67,12 @@ def test_ulog_with_the_angles_of_quaternions(tmp_path: Path) -> None:
     path = tmp_path / "log.ulg"
     ulog(path, {"vehicle_attitude": {"q": q}, "cmd": {"u": VALUES}})
     tables = by_name(read(path))
-    np.testing.assert_allclose(tables["vehicle_attitude"].columns["vehicle_attitude.yaw"], YAW, atol=1e-6)
-    np.testing.assert_allclose(tables["vehicle_attitude"].columns["vehicle_attitude.roll"], 0, atol=1e-6)
+    np.testing.assert_allclose(
+        tables["vehicle_attitude"].columns["vehicle_attitude.yaw"], YAW, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        tables["vehicle_attitude"].columns["vehicle_attitude.roll"], 0, atol=1e-6
+    )
     np.testing.assert_allclose(tables["cmd"].columns["cmd.u"], VALUES, atol=1e-6)
     assert tables["cmd"].time is not None
     np.testing.assert_allclose(np.diff(tables["cmd"].time), 0.1, atol=1e-6)
@@ -130,7 +136,10 @@ def test_lerobot(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     (folder / "meta").mkdir(parents=True)
     (folder / "data" / "chunk-000").mkdir(parents=True)
-    names = {"observation.state": {"names": ["pan", "lift"]}, "action": {"names": {"motors": ["m"]}}}
+    names = {
+        "observation.state": {"names": ["pan", "lift"]},
+        "action": {"names": {"motors": ["m"]}},
+    }
     (folder / "meta" / "info.json").write_text(json.dumps({"features": names}), encoding="utf-8")
     for file in range(2):
         rows = {
