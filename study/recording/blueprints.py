@@ -155,6 +155,7 @@ def forecast(
     bands: Mapping[str, Sequence[Band]],
     eyes: Mapping[str, rrb.EyeControls3D],
     split: Collection[str] = (),
+    has_outcomes: bool = True,
     columns: int = 2,
     rows: int = 3,
 ) -> rrb.Blueprint:
@@ -165,6 +166,7 @@ def forecast(
         bands: the bands of each state dimension, by root.
         eyes: the viewpoint of each scene, by root. A root without one has no scene.
         split: the roots with a variance that is split into aleatoric and epistemic.
+        has_outcomes: whether there is a probability of success.
         columns: of plots of bands.
         rows: of plots of bands on a tab; further plots are on further tabs.
     """
@@ -179,17 +181,24 @@ def forecast(
             for page in _pages(bands[root], columns * rows)
         ]
         contents = ["/scene/**", f"{root}/scene/**", f"{root}/paths/**"]
-        below: rrb.View | rrb.Container
-        below = plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05))
-        if root in split:
-            below = rrb.Horizontal(below, plot(POSITION_STD, [f"{root}/position_std"]))
-        left: rrb.View | rrb.Container = below
+        left: list[rrb.View | rrb.Container] = []
         if root in eyes:
-            scene = _scene("Observed and forecast paths", contents, eyes[root])
-            left = rrb.Vertical(scene, below, row_shares=[3, 2])
+            left.append(_scene("Observed and forecast paths", contents, eyes[root]))
+        below: list[rrb.View | rrb.Container] = []
+        if has_outcomes:
+            success = [f"{root}/success/**"]
+            below.append(plot("Probability of success so far", success, span=(-0.05, 1.05)))
+        if root in split:
+            below.append(plot(POSITION_STD, [f"{root}/position_std"]))
+        if below:
+            left.append(rrb.Horizontal(*below) if len(below) > 1 else below[0])
         right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]
         about = readme(f"{root}/about", "About this scenario")
-        tabs.append(rrb.Horizontal(about, left, right, column_shares=[2, 5, 6], name=title))
+        if not left:
+            tabs.append(rrb.Horizontal(about, right, column_shares=[2, 11], name=title))
+            continue
+        column = rrb.Vertical(*left, row_shares=[3, 2]) if len(left) > 1 else left[0]
+        tabs.append(rrb.Horizontal(about, column, right, column_shares=[2, 5, 6], name=title))
     return blueprint("horizon", rrb.Tabs(*tabs, readme()), playing=True)
 
 

@@ -68,9 +68,14 @@ def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
         "median MMD²": order[len(order) // 2],
         "lowest MMD²": order[0],
         "highest MMD²": order[-1],
-        MOST_UNCERTAIN: np.argmin(np.abs(observed - 0.5)),
-        "success most overestimated": np.argmax(forecast - observed),
-        "success most underestimated": np.argmax(observed - forecast),
+    }
+    if len(observed):  # a recorded system may have no outcome
+        rules |= {
+            MOST_UNCERTAIN: np.argmin(np.abs(observed - 0.5)),
+            "success most overestimated": np.argmax(forecast - observed),
+            "success most underestimated": np.argmax(observed - forecast),
+        }
+    rules |= {
         "90 % quantile of MMD²": order[int(0.9 * (len(order) - 1))],
         "10 % quantile of MMD²": order[int(0.1 * (len(order) - 1))],
     }

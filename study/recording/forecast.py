@@ -168,7 +168,13 @@ def _design(
         if simulator.has_position:
             eyes[root] = _eye(simulator, example)
     split = {root for root, e in zip(roots.values(), examples, strict=True) if _is_split(e)}
-    return blueprints.forecast(roots, views, eyes, split)
+    has_outcomes = all(_has_outcomes(simulator, example) for example in examples)
+    return blueprints.forecast(roots, views, eyes, split, has_outcomes)
+
+
+def _has_outcomes(simulator: Simulator, example: Example) -> bool:
+    """Whether the system has outcomes; every simulator has."""
+    return bool(simulator.outcomes(example.s0[None], example.goal))
 
 
 def _eye(simulator: Simulator, example: Example) -> rrb.EyeControls3D:
@@ -228,7 +234,8 @@ def _log_example(
             None if example.member is None else example.member[:PATHS],
             example.members,
         )
-    _log_success(stream, f"{root}/success", simulator, example)
+    if _has_outcomes(simulator, example):
+        _log_success(stream, f"{root}/success", simulator, example)
     if example.aleatoric is not None and example.epistemic is not None:
         position = simulator.position(example.observed)
         entity = f"{root}/position_std"
