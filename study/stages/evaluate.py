@@ -46,7 +46,8 @@ def run(
     )
     if settings.training is not None:
         training = training_trajectories(settings.training, inputs["data"])
-        forecaster = reference(settings.model, training)
+        validation = ScenarioSet.load(inputs["data"] / "validation.safetensors")
+        forecaster = reference(settings.model, training, validation)
     else:
         forecaster = load_forecaster(settings.model, simulator, inputs)
     kernel = Kernel.load(inputs["data"])
