@@ -12,7 +12,8 @@ from study.envs.simulator import Simulator
 from study.metrics.variance import Decomposition, decompose
 
 MOST_UNCERTAIN = "most uncertain outcome"
-"""The rule that chooses the scenario whose observed probability of success is closest to 1/2."""
+"""The rule that chooses the scenario whose observed probability of success is closest to 1/2. If all
+outcomes were observed once, the forecast probability counts."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,10 @@ def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
         "highest MMD²": order[-1],
     }
     if len(observed):  # a recorded system may have no outcome
+        # The outcome of one rollout is certain.
+        uncertain = forecast if np.isin(observed, (0, 1)).all() else observed
         rules |= {
-            MOST_UNCERTAIN: np.argmin(np.abs(observed - 0.5)),
+            MOST_UNCERTAIN: np.argmin(np.abs(uncertain - 0.5)),
             "success most overestimated": np.argmax(forecast - observed),
             "success most underestimated": np.argmax(observed - forecast),
         }
