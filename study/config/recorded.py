@@ -40,7 +40,8 @@ class Recorded:
         trajectory: column that names the trajectory of a row; null is one trajectory a file, or the
             episodes of the format.
         reset: column that is not zero in the first row of each trajectory.
-        time: column of the time in seconds; null is that of the format, if it has one.
+        time: column of the time, numbers or dates; null is that of the format, if it has one.
+        time_unit: of a time column of numbers: s, ms, us or ns.
         interval: seconds from one row to the next, for logs without a time column.
         control_step: seconds between states; the logs are resampled to it. null keeps the rows.
         largest_gap: seconds without a row beyond which the time jumps; null is five intervals, or
@@ -81,6 +82,7 @@ class Recorded:
     trajectory: str | None = None
     reset: str | None = None
     time: str | None = None
+    time_unit: str = setting("s", choices=("s", "ms", "us", "ns"))
     interval: float | None = setting(None, low=1e-9)
     control_step: float | None = setting(None, low=1e-9)
     largest_gap: float | None = setting(None, low=1e-9)

@@ -12,8 +12,9 @@ from study.envs.simulator import Simulator
 from study.metrics.variance import Decomposition, decompose
 
 MOST_UNCERTAIN = "most uncertain outcome"
-"""The rule that chooses the scenario whose observed probability of success is closest to 1/2. If all
-outcomes were observed once, the forecast probability counts."""
+"""The rule that chooses the scenario whose observed probability of success is closest to 1/2.
+
+If all outcomes were observed once, the forecast probability counts."""
 
 
 @dataclass(frozen=True)

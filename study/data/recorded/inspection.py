@@ -34,6 +34,8 @@ NO_STATE = re.compile(
 SINE = re.compile(r"(sin|cos)", re.I)
 GOAL = "goal."
 """Begins the columns of the goal in data sets that `export` wrote."""
+SHORTEST = 1e-4
+"""Dates closer than so many seconds are no times."""
 DEGREES = 20.0
 """An angle beyond this is not in rad, unless it was unwrapped over several turns."""
 
@@ -147,7 +149,8 @@ def _table_report(name: str, tables: Sequence[Table]) -> TableReport:
         lengths += np.diff([*np.flatnonzero(begins), len(table)]).tolist()
         seconds = table.time
         if seconds is None and time is not None:
-            seconds = np.asarray(table.columns[time], np.float64)
+            column = np.asarray(table.columns[time])
+            seconds = column.astype(np.float64) if column.dtype.kind in "biuf" else dates(column)
         if seconds is not None and len(seconds) > 1:
             intervals.append(np.diff(seconds)[~begins[1:]])
     every = np.concatenate(intervals) if intervals else np.empty(0)
@@ -185,6 +188,8 @@ def _column_report(name: str, parts: Sequence[Array]) -> ColumnReport:
     if values.dtype.kind not in "biuf":
         numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
         if np.isnan(numbers).mean() > 0.5:
+            if (seconds := dates(values)) is not None:
+                return _date_report(name, seconds)
             return ColumnReport(name, np.nan, np.nan, 0, "text", ("text, no numbers",))
         values = numbers
     values = values.astype(np.float64)
@@ -195,6 +200,23 @@ def _column_report(name: str, parts: Sequence[Array]) -> ColumnReport:
     low, high = float(good.min()), float(good.max())
     role, notes = _role(name, good, low, high)
     return ColumnReport(name, low, high, int((~finite).sum()), role, tuple(notes))
+
+
+def dates(values: Array) -> Doubles | None:
+    """The seconds [N] since the first of a column of dates; None if it has none."""
+    found = pd.to_datetime(pd.Series(values), errors="coerce", format="mixed", utc=True)
+    if not found.notna().all():
+        return None
+    return (found - found.iloc[0]).dt.total_seconds().to_numpy(np.float64)
+
+
+def _date_report(name: str, seconds: Doubles) -> ColumnReport:
+    """A column of dates; as a time only if its rate is likely."""
+    interval = np.diff(seconds)
+    is_time = len(interval) > 0 and float(np.median(interval)) >= SHORTEST
+    note = "dates" if is_time else "dates that are too close to be times"
+    role = "time" if is_time else "other"
+    return ColumnReport(name, float(seconds.min()), float(seconds.max()), 0, role, (note,))
 
 
 def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, list[str]]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from study.data.recorded.inspection import ColumnReport, Inspection, TableReport
+from study.data.recorded.rows import SECONDS
 
 FEWEST_TRAJECTORIES = 10
 """With fewer, long trajectories are cut into pieces."""
@@ -12,6 +13,8 @@ PIECES = 20
 """The number of pieces into which the logs are then cut."""
 WINDOWS = 4
 """Windows of the horizon in a trajectory, at least."""
+LIKELY = (1e-4, 10.0)
+"""A likely interval of logs, in seconds."""
 HORIZON = 50
 QUATERNION = re.compile(r"(\.q(_\w+)?\[\d\]|orientation\.[xyzw])$")
 MOST = 12
@@ -33,6 +36,7 @@ class Proposal:
         resample: whether the logs are resampled to `step`.
         longest: seconds; None if trajectories are not cut.
         lengths: rows of each trajectory, after resampling.
+        time_unit: of a time column.
     """
 
     state: Sequence[ColumnReport]
@@ -43,6 +47,7 @@ class Proposal:
     resample: bool
     longest: float | None
     lengths: Sequence[int]
+    time_unit: str
 
 
 def propose(inspection: Inspection, horizon: int | None = None) -> Proposal:
@@ -68,15 +73,17 @@ def propose(inspection: Inspection, horizon: int | None = None) -> Proposal:
     action = source.of_role("action") if source else []
     used = {c.name for c in (*state, *action)}
     owners = [t for t in tables if used & {c.name for c in t.columns}]
-    step, resample = _step(owners)
-    lengths = _lengths(owners, step if resample else None)
+    has_column = any(table.of_role("time") for table in owners)
+    unit = _time_unit(owners) if has_column else "s"
+    step, resample = _step(owners, SECONDS[unit])
+    lengths = _lengths(owners, step if resample else None, SECONDS[unit])
     longest = None
     if step is not None and len(lengths) < FEWEST_TRAJECTORIES:
         longest = float(f"{sum(lengths) * step / PIECES:.2g}")
     rows = round(longest / step) + 1 if longest and step else max(lengths, default=2)
     chosen = horizon or max(2, min(HORIZON, (rows - 1) // WINDOWS))
     others = [c for _, c in varying if c.name not in used]
-    return Proposal(state, action, others, chosen, step, resample, longest, lengths)
+    return Proposal(state, action, others, chosen, step, resample, longest, lengths, unit)
 
 
 def to_yaml(inspection: Inspection, proposal: Proposal, name: str, patterns: Sequence[str]) -> str:
@@ -131,9 +138,18 @@ def _rank(table: TableReport) -> tuple[int, str]:
     return 3 * len(TOPICS), table.name
 
 
-def _step(tables: Sequence[TableReport]) -> tuple[float | None, bool]:
-    """Seconds of a control step, and whether the logs have to be resampled to it."""
+def _time_unit(tables: Sequence[TableReport]) -> str:
+    """The unit of the time in which the logs have a likely rate."""
     intervals = [t.interval for t in tables if t.interval is not None]
+    for unit, seconds in SECONDS.items():
+        if intervals and LIKELY[0] <= max(intervals) * seconds <= LIKELY[1]:
+            return unit
+    return "s"
+
+
+def _step(tables: Sequence[TableReport], seconds: float) -> tuple[float | None, bool]:
+    """Seconds of a control step, and whether the logs have to be resampled to it."""
+    intervals = [seconds * t.interval for t in tables if t.interval is not None]
     if not intervals:
         return None, False
     step = float(f"{max(intervals):.2g}")
@@ -141,11 +157,12 @@ def _step(tables: Sequence[TableReport]) -> tuple[float | None, bool]:
     return step, irregular or len(tables) > 1
 
 
-def _lengths(tables: Sequence[TableReport], step: float | None) -> list[int]:
+def _lengths(tables: Sequence[TableReport], step: float | None, seconds: float) -> list[int]:
+    """Rows of each trajectory in the slowest table, after resampling to `step`."""
     if not tables:
         return []
     table = min(tables, key=lambda t: t.rows)
-    factor = 1.0 if step is None or table.interval is None else table.interval / step
+    factor = 1.0 if step is None or table.interval is None else seconds * table.interval / step
     return [int(rows * factor) for rows in table.lengths]
 
 
@@ -168,7 +185,8 @@ def _times(tables: Sequence[TableReport], proposal: Proposal) -> list[str]:
     if proposal.step is None:
         lines.append("  interval: 1.0  # CHECK: seconds from one row to the next")
     elif time and len(tables) == 1:
-        lines.append(f"  time: {_quoted(time[0])}  # CHECK: in seconds?")
+        lines.append(f"  time: {_quoted(time[0])}")
+        lines.append(f"  time_unit: {proposal.time_unit}  # CHECK")
     if proposal.resample:
         lines.append(f"  control_step: {proposal.step:g}  # CHECK: seconds")
     if any(t.gaps and t.largest > 2 * (proposal.step or 0) for t in tables):

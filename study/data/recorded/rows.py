@@ -17,6 +17,8 @@ GAP = 5.0
 """Median intervals without a row that are a gap, unless `largest_gap` says otherwise."""
 STEPS = 2.0
 """Control steps that are a gap, if they are longer."""
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds of each unit of time."""
 IRREGULAR = 0.1
 """Share of an interval by which rows that are not resampled may be early or late."""
 
@@ -87,7 +89,7 @@ class Log:
         if settings.time is not None:
             owner = self.owner[settings.time]
             if owner is table:
-                return self._numbers(table, settings.time)
+                return self._seconds(table, settings.time)
         if table.time is not None and settings.interval is None:
             return table.time
         if settings.interval is None:
@@ -96,6 +98,15 @@ class Log:
                 f"{self.system.name}.interval"
             )
         return settings.interval * np.arange(len(table), dtype=np.float64)
+
+    def _seconds(self, table: Table, column: str) -> Doubles:
+        """A time column in seconds; dates count from the first one."""
+        values = pd.Series(np.asarray(table.columns[column]))
+        if not pd.api.types.is_numeric_dtype(values):
+            dates = pd.to_datetime(values, errors="coerce", format="mixed", utc=True)
+            if dates.notna().all():
+                return (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
+        return self._numbers(table, column) * SECONDS[self.settings.time_unit]
 
     def runs(self, table: Table) -> list[Run]:
         """The runs of a table.

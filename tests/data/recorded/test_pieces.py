@@ -134,3 +134,12 @@ def test_the_time_of_the_log_leaves_out_its_end(tmp_path: Path) -> None:
     frame["t"] += 100.0
     (piece,) = pieces(written(tmp_path, frame), exclude=("t > 1.95",))
     assert len(piece) == 20
+
+
+def test_the_time_may_be_dates_or_in_another_unit(tmp_path: Path) -> None:
+    frame = log()
+    dates = pd.Timestamp("2026-01-02 03:04:05") + pd.to_timedelta(frame["t"], unit="s")
+    for column, unit in ((dates, "s"), (1e9 * frame["t"], "ns"), (1e3 * frame["t"], "ms")):
+        path = written(tmp_path, frame.assign(t=column))
+        (piece,) = pieces(path, control_step=2 * STEP, time_unit=unit)
+        np.testing.assert_allclose(piece.states[:, 0], frame["x"][::2], atol=1e-6)
