@@ -148,7 +148,7 @@ def print_forecast(
     if not simulator.has_position:
         return
     columns = ("total", "aleatoric", "epistemic", "observed")
-    header = ("step", "time [s]", *(f"{column} [m]" for column in columns))
+    header = ("step", "time [s]", *(f"{column} [{simulator.position_unit}]" for column in columns))
     say(terminal, "\nstandard deviation of the position")
     _print(terminal, header, std_rows(simulator, example))
 

@@ -54,6 +54,8 @@ class RecordedSystem(Simulator):
         system.goal = self.description.goal
         system.plotted = settings.plotted
         system.has_position = bool(settings.position)
+        units = {v.unit for v in self.state if v.name in settings.position}
+        system.position_unit = units.pop() if len(units) == 1 else "mixed units"
         system.rotating_pairs = self.description.rotating_pairs
         system.symmetries = self.description.symmetries
         system.default_horizon = settings.horizon

@@ -135,6 +135,8 @@ class Simulator(ABC):
     """Metres. The goal is reached when `position` is this close to `target`."""
     has_position: bool = True
     """Whether recordings draw `position` in space."""
+    position_unit: str = "m"
+    """The unit of `position`."""
     has_target: bool = True
     """Whether recordings draw `target`."""
     chunk_size: ClassVar[int] = 2048

@@ -156,6 +156,7 @@ def forecast(
     eyes: Mapping[str, rrb.EyeControls3D],
     split: Collection[str] = (),
     has_outcomes: bool = True,
+    position_unit: str = "m",
     columns: int = 2,
     rows: int = 3,
 ) -> rrb.Blueprint:
@@ -167,6 +168,7 @@ def forecast(
         eyes: the viewpoint of each scene, by root. A root without one has no scene.
         split: the roots with a variance that is split into aleatoric and epistemic.
         has_outcomes: whether there is a probability of success.
+        position_unit: of the standard deviation of the position.
         columns: of plots of bands.
         rows: of plots of bands on a tab; further plots are on further tabs.
     """
@@ -189,7 +191,8 @@ def forecast(
             success = [f"{root}/success/**"]
             below.append(plot("Probability of success so far", success, span=(-0.05, 1.05)))
         if root in split:
-            below.append(plot(POSITION_STD, [f"{root}/position_std"]))
+            std = f"{POSITION_STD} [{position_unit}]"
+            below.append(plot(std, [f"{root}/position_std"]))
         if below:
             left.append(rrb.Horizontal(*below) if len(below) > 1 else below[0])
         right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]

@@ -54,7 +54,7 @@ def _to_target(simulator: Simulator, trajectories: Trajectories) -> Distance:
 def _from_start(simulator: Simulator, trajectories: Trajectories) -> Distance:
     states = trajectories.states
     if simulator.has_position:
-        moved, unit = simulator.position(states), "m"
+        moved, unit = simulator.position(states), simulator.position_unit
     else:
         scale = states.std(axis=(0, 1), dtype=np.float64)
         moved, unit = (states / np.where(scale > 0, scale, 1.0)).astype(np.float32), "sd"

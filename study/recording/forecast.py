@@ -169,7 +169,8 @@ def _design(
             eyes[root] = _eye(simulator, example)
     split = {root for root, e in zip(roots.values(), examples, strict=True) if _is_split(e)}
     has_outcomes = all(_has_outcomes(simulator, example) for example in examples)
-    return blueprints.forecast(roots, views, eyes, split, has_outcomes)
+    unit = simulator.position_unit
+    return blueprints.forecast(roots, views, eyes, split, has_outcomes, unit)
 
 
 def _has_outcomes(simulator: Simulator, example: Example) -> bool:

@@ -9,7 +9,7 @@ from study.recording.streams import finite, send_scalars, style_lines
 
 TIMELINE = "horizon"
 NAMES = ("observed", "forecast: total", "forecast: aleatoric", "forecast: epistemic")
-TITLE = "Standard deviation of the position [m]"
+TITLE = "Standard deviation of the position"
 
 
 def log_variance_split(
