@@ -22,7 +22,7 @@ import numpy as np
 from study.common.arrays import Doubles, Floats, Integers
 from study.common.errors import BadInput
 from study.common.seeds import Seeds
-from study.config.names import ANALOGUES, CLIMATOLOGY, PERSISTENCE
+from study.config.names import ANALOGUES, CLIMATOLOGY
 from study.data.trajectories import ScenarioSet, Trajectories
 from study.metrics.mmd import nonzero_scale
 from study.metrics.proper_scores import crps
@@ -119,7 +119,7 @@ def reference(name: str, training: Trajectories, validation: ScenarioSet) -> For
     """
     if name == ANALOGUES:
         return Analogues(training, validation)
-    return {CLIMATOLOGY: Climatology, PERSISTENCE: Persistence}[name](training)
+    return Climatology(training) if name == CLIMATOLOGY else Persistence(training)
 
 
 def _random_rows(count: int, samples: int, seeds: Seeds) -> Integers:

@@ -50,8 +50,8 @@ The panel *Legend* names the colours. Some lines are references to compare with:
   standard deviations of the observed states.
 """
 _ONCE = """
-A recorded system was observed once in each scenario. So it has no oracle and no shifts, and its MMD²
-is that against one observation: lower is better, but the lowest value is not 0. Its references
+A recorded system was observed once in each scenario. So it has no oracle and no shifts. Its MMD² is
+that against one observation: lower is better, but the lowest value is not 0. Its references
 forecast from the training windows: *training climatology* (random windows), *persistence* (the
 initial state with the changes of random windows), and *analogues* (the windows that began most
 alike and had the most similar actions).

@@ -207,7 +207,7 @@ def dates(values: Array) -> Doubles | None:
     found = pd.to_datetime(pd.Series(values), errors="coerce", format="mixed", utc=True)
     if not found.notna().all():
         return None
-    return (found - found.iloc[0]).dt.total_seconds().to_numpy(np.float64)
+    return np.asarray((found - found.iloc[0]).dt.total_seconds(), np.float64)
 
 
 def _date_report(name: str, seconds: Doubles) -> ColumnReport:

@@ -105,7 +105,7 @@ class Log:
         if not pd.api.types.is_numeric_dtype(values):
             dates = pd.to_datetime(values, errors="coerce", format="mixed", utc=True)
             if dates.notna().all():
-                return (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
+                return np.asarray((dates - dates.iloc[0]).dt.total_seconds(), np.float64)
         return self._numbers(table, column) * SECONDS[self.settings.time_unit]
 
     def runs(self, table: Table) -> list[Run]:
