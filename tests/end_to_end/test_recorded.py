@@ -9,7 +9,7 @@ import pytest
 from study.common.files import read_json
 from study.config import strict_yaml
 from study.data.trajectories import ScenarioSet, Trajectories
-from tests.data.recorded.logs import log
+from tests.helpers.logs import log
 from tests.helpers.running import Done, study
 
 SMALL = [

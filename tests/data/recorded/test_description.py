@@ -8,7 +8,7 @@ import pytest
 from study.common.errors import BadInput
 from study.config.recorded import Column
 from study.data.recorded.description import Description
-from tests.data.recorded.logs import SETTINGS
+from tests.helpers.logs import SETTINGS
 
 FULL = replace(
     SETTINGS,

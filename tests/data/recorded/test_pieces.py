@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from study.common.errors import BadInput
-from tests.data.recorded.logs import STEP, log, pieces
+from tests.helpers.logs import STEP, log, pieces
 
 
 def written(folder: Path, frame: pd.DataFrame) -> Path:

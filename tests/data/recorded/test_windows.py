@@ -11,7 +11,7 @@ from study.common.errors import BadInput
 from study.common.progress import Progress
 from study.data.recorded.description import Description
 from study.data.recorded.windows import SIDES, Split, read_windows, unit_warnings
-from tests.data.recorded.logs import SETTINGS, log, write
+from tests.helpers.logs import SETTINGS, log, write
 
 
 def split_of(files: tuple[str, ...], seed: int = 0, **changes: object) -> Split:
