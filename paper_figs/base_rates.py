@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from paper_figs.command import command
-from paper_figs.scores import environments, read_scores
+from paper_figs.scores import environments, read_scores, rollouts
 from study.common.arrays import Doubles
 from study.config.names import label
 from study.plotting import style
@@ -39,6 +39,11 @@ def plot(results: Path) -> list[Path]:
     ]
     # All cells of an environment are scored on the same rollouts.
     probabilities = probabilities.drop_duplicates(["environment", "scenario"])
+    # A share of one rollout is no probability.
+    repeated = [e for e in environments(probabilities) if rollouts(results, e) != 1]
+    probabilities = probabilities[probabilities["environment"].isin(repeated)]
+    if probabilities.empty:
+        return []
     return _plot(probabilities, results / "figures" / "base_rates")
 
 

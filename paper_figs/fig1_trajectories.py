@@ -90,7 +90,7 @@ def _plot(illustrations: list[Illustration], environment: str, stem: Path) -> li
                 f"{label(environment)}, {label(illustration.level)}: {label(illustration.model)}",
                 loc="left",
             )
-        rows[-1, 0].set_xlabel("x (m)")
+        rows[-1, 0].set_xlabel(f"x ({_unit(illustrations[-1])})")
         rows[-1, 1].set_xlabel("time (s)")
         figure.legend(
             handles=_legend(),
@@ -117,11 +117,13 @@ def _paths(axes: Axes, illustration: Illustration) -> None:
         axes.add_collection(collection)
         axes.update_datalim(in_plane[np.isfinite(in_plane).all(-1)])
     radius = illustration.facts["radius"]
-    axes.add_patch(Circle((target[0], target[1]), radius, fill=False, edgecolor=TARGET, zorder=5))
+    if radius:  # a recorded system has no target
+        centre = (target[0], target[1])
+        axes.add_patch(Circle(centre, radius, fill=False, edgecolor=TARGET, zorder=5))
     axes.plot(*arrays["observed"][0, 0, :2], "o", color=TARGET, markersize=2.5, zorder=5)
     axes.autoscale_view()
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_ylabel("y (m)")
+    axes.set_ylabel(f"y ({_unit(illustration)})")
 
 
 def _standard_deviations(axes: Axes, illustration: Illustration) -> None:
@@ -132,11 +134,18 @@ def _standard_deviations(axes: Axes, illustration: Illustration) -> None:
     total = np.sqrt(arrays["epistemic"] + arrays["aleatoric"])
     axes.fill_between(time, 0, epistemic, color=EPISTEMIC, linewidth=0)
     axes.fill_between(time, epistemic, total, color=ALEATORIC, linewidth=0)
-    axes.plot(time, np.sqrt(arrays["observed_variance"]), color="black", linestyle=style.DASHES)
+    if len(arrays["observed"]) > 1:
+        std = np.sqrt(arrays["observed_variance"])
+        axes.plot(time, std, color="black", linestyle=style.DASHES)
     axes.set_xlim(0, time[-1])
     axes.set_ylim(bottom=0)
     axes.set_axisbelow(True)
-    axes.set_ylabel("std. dev. of position (m)")
+    axes.set_ylabel(f"std. dev. of position ({_unit(illustration)})")
+
+
+def _unit(illustration: Illustration) -> str:
+    """The unit of the position."""
+    return str(illustration.facts.get("position_unit", "m"))
 
 
 def _legend() -> list[Line2D | Patch]:

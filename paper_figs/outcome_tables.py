@@ -11,7 +11,7 @@ resolution are terms of the fair Brier score (`study.metrics.reliability`).
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +19,9 @@ import pandas as pd
 
 from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
-from paper_figs.scores import environments, forecasters, levels, read_scores, rollouts
+from paper_figs.scores import environments, forecasters, levels, main_outcome, read_scores, rollouts
 from study.common.arrays import Doubles
-from study.config.names import ORACLE, label, markdown, uncertainty
+from study.config.names import CLIMATOLOGY, ORACLE, label, markdown, uncertainty
 from study.metrics.brier import SMALLEST_RANGE, brier_oracle, skill
 from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.table import LEVELLESS
@@ -50,6 +50,7 @@ class Block:
     base_rate: float
     climatology: float
     rows: tuple[Row, ...]
+    name: str = ""
 
 
 def plot(results: Path) -> list[Path]:
@@ -61,13 +62,13 @@ def plot(results: Path) -> list[Path]:
     scores = read_scores(results)
     metrics = ["brier", "brier_fair", "brier_climatology", "observed_probability", *TERMS]
     scores = scores[scores["metric"].isin(metrics) & (scores["step"] == -1)]
-    observed = rollouts(results)
     folder = results / "tables"
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for environment in environments(scores):
         part = scores[scores["environment"] == environment]
-        tables = {level: blocks(part, environment, level, observed) for level in levels(part)}
+        observed, main = rollouts(results, environment), main_outcome(results, environment)
+        tables = {level: blocks(part, environment, level, observed, main) for level in levels(part)}
         with_terms = bool(part["metric"].isin(TERMS).any())
         for suffix, write in (("md", to_markdown), ("tex", to_latex)):
             path = folder / f"outcomes_{environment}.{suffix}"
@@ -76,7 +77,13 @@ def plot(results: Path) -> list[Path]:
     return written
 
 
-def blocks(scores: pd.DataFrame, environment: str, level: str, observed: int | None) -> list[Block]:
+def blocks(
+    scores: pd.DataFrame,
+    environment: str,
+    level: str,
+    observed: int | None,
+    main: str = "reaches the goal",
+) -> list[Block]:
     """The blocks of one environment and level.
 
     In the paper's environments, the paper's models are included with or without scores. Other
@@ -87,12 +94,14 @@ def blocks(scores: pd.DataFrame, environment: str, level: str, observed: int | N
         environment: its name.
         level: the level.
         observed: the number of observed rollouts of a scenario. None leaves the skill undefined.
+        main: name of the main outcome.
     """
     learned, references = forecasters(scores, environment)
     cells = {model: _cell(scores, level, model) for model in (*learned, *references)}
     names = scores.loc[scores["metric"] == "brier", "dimension"].unique()
     outcomes = [GOAL, *(name for name in names if name != GOAL)]
-    return [_block(cells, name, learned, observed) for name in outcomes]
+    found = [_block(cells, name, learned, observed) for name in outcomes]
+    return [replace(b, name=main) if b.outcome == GOAL else b for b in found]
 
 
 def _cell(scores: pd.DataFrame, level: str, model: str) -> pd.DataFrame:
@@ -113,7 +122,11 @@ def _block(
     observed = [_by_scenario(cell, "observed_probability", outcome) for cell in cells.values()]
     climatology = [_overall(cell, "brier_climatology", outcome) for cell in cells.values()]
     reference = _first(climatology)
-    oracle = _first(brier_oracle(values, count) for values in observed) if count else np.nan
+    oracle = np.nan
+    if count == 1:
+        oracle = 0.0  # the best possible probability is not known; a perfect forecast has score 0
+    elif count:
+        oracle = _first(brier_oracle(values, count) for values in observed)
     rows = tuple(
         Row(
             model,
@@ -231,7 +244,7 @@ def _term_heads(with_terms: bool) -> list[str]:
 
 
 def _name(block: Block) -> str:
-    return "Reaches the goal" if block.outcome == GOAL else title(block.outcome)
+    return title(block.name or block.outcome)
 
 
 def _base_rate(block: Block) -> str:
@@ -244,12 +257,13 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
     scenarios = " to ".join(map(str, sorted({score.scenarios for score in measured})))
     seeds = {row.score.seeds for row in rows if row.score and row.model != ORACLE}
     trained = " to ".join(map(str, sorted(seeds))) or "no"
+    once = any(row.model == CLIMATOLOGY for row in rows)
+    best = "a perfect forecast" if once else "the expected score of the oracle"
     notes = [
         f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; in brackets "
         f"{basis(seeds)}.",
         "Plain Brier score: lower is better. Skill, of the fair Brier score: 0 for the climatology "
-        "(the base rate), 1 for the expected score of the oracle; — where these two differ by less "
-        f"than {SMALLEST_RANGE:g}.",
+        f"(the base rate), 1 for {best}; — where these two differ by less than {SMALLEST_RANGE:g}.",
         *beyond(row.model for row in rows),
     ]
     if with_terms:

@@ -17,7 +17,7 @@ import pandas as pd
 from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
 from paper_figs.scores import environments, forecasters, levels, read_scores
-from study.config.names import ORACLE, label, uncertainty
+from study.config.names import CLIMATOLOGY, ORACLE, label, uncertainty
 from study.metrics.intervals import Interval, basis, interval
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
@@ -50,6 +50,11 @@ MEASURES = (
     Measure("aleatoric_ratio", "aleatoric variance / true variance", "1", 2),
     Measure("epistemic_share", "epistemic share of forecast variance", "", 2),
     Measure("nonfinite", "share of non-finite values", "0"),
+)
+NOTES_ONCE = (
+    "Each scenario was observed once. MMD² is then 1 plus the kernel score: a proper score, whose "
+    "lowest value is not 0. Scores that need repeated rollouts are left out: the oracle, ratios to "
+    "the true variance and reference shifts.",
 )
 VARIANCE_RATIOS = {"variance_ratio", "aleatoric_ratio"}
 """The metrics whose entry is `study.metrics.variance.median_ratio`."""
@@ -140,7 +145,7 @@ def to_markdown(environment: str, tables: dict[str, Table], shifts: dict[float, 
         lines.append("|---" * 2 + "|---:" * len(columns) + "|")
         for measure in _measures(table):
             texts = [_text(table[measure.metric][c], measure.digits) for c in columns]
-            lines.append(f"| {' | '.join([measure.name, measure.ideal, *texts])} |")
+            lines.append(f"| {' | '.join([measure.name, _ideal(measure, table), *texts])} |")
         lines.append("")
     return "\n".join([*lines, *_notes(tables, shifts), ""])
 
@@ -165,7 +170,7 @@ def to_latex(environment: str, tables: dict[str, Table], shifts: dict[float, flo
         for measure in _measures(table):
             entries = [table[measure.metric][column] for column in columns]
             texts = [latex(number(_estimate(entry), measure.digits)) for entry in entries]
-            first = [latex(measure.name), latex(measure.ideal)]
+            first = [latex(measure.name), latex(_ideal(measure, table))]
             lines.append(" & ".join([*first, *texts]) + " \\\\")
         lines += ["\\bottomrule", "\\end{tabular}", "\\end{table*}", ""]
     return "\n".join(lines)
@@ -173,6 +178,17 @@ def to_latex(environment: str, tables: dict[str, Table], shifts: dict[float, flo
 
 def _measures(table: Table) -> list[Measure]:
     return [measure for measure in MEASURES if measure.metric in table]
+
+
+def _ideal(measure: Measure, table: Table) -> str:
+    """The ideal value; MMD² against one observed rollout is not zero at its best."""
+    once = measure.metric.startswith("mmd2") and measure.metric != "mmd2_pooled"
+    return "lowest" if once and _is_observed_once(table) else measure.ideal
+
+
+def _is_observed_once(table: Table) -> bool:
+    """Whether the scores compare with one observed rollout of each scenario."""
+    return CLIMATOLOGY in next(iter(table.values()), {})
 
 
 def _estimate(entry: Entry) -> float | None:
@@ -203,6 +219,7 @@ def _notes(tables: dict[str, Table], shifts: dict[float, float]) -> list[str]:
         "deviations of the training data. Ratios to the true variance: medians over seeds, "
         f"dimensions and the steps from {FIRST_STEP} on, where the true variance is not "
         "negligible. ∞ and −∞: some forecasts are not finite.",
+        *(NOTES_ONCE if any(map(_is_observed_once, tables.values())) else ()),
         *beyond(model for table in tables.values() for row in table.values() for model in row),
     ]
     if shifts:

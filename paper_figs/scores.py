@@ -3,12 +3,13 @@
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from study.claims.paper import BRIER
 from study.common.errors import BadInput
-from study.config.names import BEYOND, ENSEMBLE, ENVIRONMENTS, LEVELS, MODELS, ORACLE
+from study.config.names import BEYOND, ENSEMBLE, ENVIRONMENTS, FROM_DATA, LEVELS, MODELS, ORACLE
 from study.metrics.tables.table import CELL, COLUMNS
 
 
@@ -44,13 +45,31 @@ def failed_cells(results: Path) -> set[tuple[str, str, str]]:
     return {(environment, level, model) for environment, level, model, _ in parts}
 
 
-def rollouts(results: Path) -> int | None:
-    """The number of observed rollouts of each scenario, from ``study.json``; None without it."""
+def rollouts(results: Path, environment: str = "") -> int | None:
+    """The number of observed rollouts of each scenario, from ``study.json``; None without it.
+
+    A scenario of a recorded system was observed once.
+    """
     try:
-        study = json.loads((results / "study.json").read_text(encoding="utf-8"))
-        return int(study["settings"]["collect"]["rollouts"])
+        settings = _settings(results)
+        return 1 if environment in settings else int(settings["collect"]["rollouts"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def main_outcome(results: Path, environment: str) -> str:
+    """The name of the main outcome; a recorded system names its own in ``study.json``."""
+    try:
+        return str(_settings(results)[environment]["outcomes"][0]).partition(" = ")[0]
+    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        return "reaches the goal"
+
+
+def _settings(results: Path) -> dict[str, Any]:
+    settings: dict[str, Any] = json.loads((results / "study.json").read_text(encoding="utf-8"))[
+        "settings"
+    ]
+    return settings
 
 
 def in_order(names: Iterable[str], first: Sequence[str]) -> list[str]:
@@ -77,9 +96,11 @@ def models(scores: pd.DataFrame) -> list[str]:
 def forecasters(scores: pd.DataFrame, environment: str) -> tuple[list[str], list[str]]:
     """The learned models and the references in the tables of an environment.
 
-    In the paper's environments, the paper's models are included with or without scores.
+    A recorded system has the references from its data in place of the oracle. In the paper's
+    environments, the paper's models are included with or without scores.
     """
-    references = [ORACLE, ENSEMBLE]
+    has_oracle = not scores["model"].isin(FROM_DATA).any()
+    references = [ORACLE, ENSEMBLE] if has_oracle else [*FROM_DATA, ENSEMBLE]
     present = [model for model in models(scores) if model not in references]
     is_of_paper = any(environment == name for name, _, _ in BRIER)
     names = [*MODELS, *present] if is_of_paper else present

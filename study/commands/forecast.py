@@ -1,5 +1,6 @@
 """Command `forecast`: forecast a test scenario, or a plan from a file."""
 
+import math
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 from uuid import uuid4
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -132,12 +134,21 @@ def print_forecast(
     duration = f"{steps} steps, {simulator.control_step * steps:.3g} s"
     say(terminal, f"{request.cell.name}, {request.title}: {request.description}")
     counts = f"{len(example.forecast)} forecasts and {len(example.observed)} observed rollouts"
-    say(terminal, f"{counts} of {duration}")
+    say(
+        terminal,
+        f"{counts} of {duration}" if simulator.control_step else f"{counts}, {steps} steps",
+    )
     if infinite := int((~finite_samples(example)).sum()):
         say(terminal, f"{infinite} forecasts are not finite and count as none of the outcomes")
-    _print(terminal, ("outcome", "forecast", "±", "observed"), outcome_rows(simulator, example))
+    if outcomes := outcome_rows(simulator, example):
+        _print(terminal, ("outcome", "forecast", "±", "observed"), outcomes)
+    if not simulator.has_target:
+        say(terminal, "\nmedian of the state, and the interval of 90 %")
+        _print(terminal, *state_rows(simulator, example))
+    if not simulator.has_position:
+        return
     columns = ("total", "aleatoric", "epistemic", "observed")
-    header = ("step", "time [s]", *(f"{column} [m]" for column in columns))
+    header = ("step", "time [s]", *(f"{column} [{simulator.position_unit}]" for column in columns))
     say(terminal, "\nstandard deviation of the position")
     _print(terminal, header, std_rows(simulator, example))
 
@@ -149,7 +160,8 @@ def outcome_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, 
     rows: list[tuple[str, ...]] = []
     for name, (forecast, observed) in outcome_probabilities(simulator, example).items():
         error = (forecast * (1 - forecast) / len(example.forecast)) ** 0.5
-        rows.append((name, f"{forecast:.3f}", f"{error:.3f}", f"{observed:.3f}"))
+        seen = "–" if math.isnan(observed) else f"{observed:.3f}"
+        rows.append((name, f"{forecast:.3f}", f"{error:.3f}", seen))
     return rows
 
 
@@ -167,6 +179,22 @@ def std_rows(simulator: "Simulator", example: "Example") -> list[tuple[str, ...]
         )
         for index, step in enumerate(std.step)
     ]
+
+
+def state_rows(
+    simulator: "Simulator", example: "Example"
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Median and central 90 % of the forecasts of each state variable: the header, and the rows."""
+    steps = np.unique(np.linspace(0, len(example.actions), STEPS + 1).round().astype(int)[1:])
+    low, middle, high = np.quantile(example.forecast, (0.05, 0.5, 0.95), axis=0)
+    rows = [
+        (
+            variable.name,
+            *(f"{middle[t, d]:.3g} ({low[t, d]:.3g}, {high[t, d]:.3g})" for t in steps - 1),
+        )
+        for d, variable in enumerate(simulator.state)
+    ]
+    return ("", *(f"step {step}" for step in steps)), rows
 
 
 def _number(value: float) -> str:

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from study.commands.command import Command, StudyOptions
 from study.commands.display import run_displayed
+from study.commands.logs import check_logs
 from study.commands.machine import check_accelerator, check_memory
 from study.commands.terminal import console, say
 from study.common.errors import BadInput, StudyError
@@ -56,6 +57,7 @@ def run(options: Options) -> int:
     check_accelerator(config, tasks, store)
     if refused := why_refused(config, selected, store, out):
         raise BadInput(f"--out: {refused}; give another --out")
+    check_logs(config, tasks, store, terminal)
     create(out)
     with locked(out):
         write_run_settings(out, config)

@@ -11,6 +11,7 @@ from typing import Any
 from study.common.errors import BadInput, nearest, shown
 from study.common.plugins import import_plugins
 from study.config import strict_yaml
+from study.config.recorded import register_recorded
 from study.config.settings import Config
 from study.config.tree import config_of, flatten, known_settings, unknown_setting, values_of
 from study.config.values import allowed, check_setting, takes_text
@@ -79,6 +80,7 @@ def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Conf
     else:
         path, content = stored
     import_plugins_of(content, texts)
+    register_recorded(content)
     return config_of(flatten(content, f" in {path}") | _values(texts))
 
 

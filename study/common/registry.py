@@ -12,7 +12,16 @@ T = TypeVar("T")
 
 LONGEST = 60
 """Characters of a name, at most: names are parts of paths and columns of tables."""
-RESERVED = ("all", "ensemble", "oracle", "paper", "study")
+RESERVED = (
+    "all",
+    "analogues",
+    "training_climatology",
+    "ensemble",
+    "oracle",
+    "paper",
+    "persistence",
+    "study",
+)
 """Names with a meaning of their own in settings or in the paths of results."""
 
 

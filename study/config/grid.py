@@ -6,11 +6,14 @@ from fnmatch import fnmatchcase
 from itertools import product
 
 from study.common.errors import BadInput, nearest
-from study.config.names import BEYOND, MODELS
+from study.config.names import BEYOND, ENSEMBLE, FROM_DATA, MODELS, ORACLE
+from study.config.recorded import recorded_of
 from study.config.settings import Config, Grid
 
-REFERENCES = ("oracle", "ensemble")
+REFERENCES = (ORACLE, ENSEMBLE)
 """Reference forecasters, scored by the same code as every model."""
+RECORDED_REFERENCES = (ENSEMBLE, *FROM_DATA)
+"""Those of a recorded system, which has no oracle."""
 
 
 @dataclass(frozen=True, order=True)
@@ -29,8 +32,8 @@ class Cell:
 
     @property
     def is_reference(self) -> bool:
-        """Whether this is the oracle or the ensemble alone."""
-        return self.model in REFERENCES
+        """Whether this is no model of the grid."""
+        return self.model in (*REFERENCES, *RECORDED_REFERENCES)
 
 
 GROUPS = {"paper": MODELS, "all": (*MODELS, *BEYOND)}
@@ -50,8 +53,13 @@ def cells(config: Config) -> list[Cell]:
     return [
         Cell(environment, level, model, seed)
         for environment, level, seed in product(grid.environments, grid.levels, grid.seeds)
-        for model in (*grid.models, *REFERENCES)
+        for model in (*grid.models, *references(config, environment))
     ]
+
+
+def references(config: Config, environment: str) -> tuple[str, ...]:
+    """The reference forecasters of an environment."""
+    return REFERENCES if recorded_of(config, environment) is None else RECORDED_REFERENCES
 
 
 def matches(cell: Cell, pattern: str) -> bool:

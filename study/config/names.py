@@ -21,6 +21,9 @@ BEYOND = (
 )
 """Models beyond the paper, with † in their labels."""
 ORACLE, ENSEMBLE = "oracle", "ensemble"
+CLIMATOLOGY, PERSISTENCE, ANALOGUES = "training_climatology", "persistence", "analogues"
+FROM_DATA = (CLIMATOLOGY, PERSISTENCE, ANALOGUES)
+"""References of a recorded system, which forecast from its training trajectories."""
 
 LABELS = {
     "pusher": "Pusher",

@@ -8,7 +8,7 @@
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass, make_dataclass
 from inspect import cleandoc
 from typing import Any, TypeVar, get_type_hints
@@ -74,6 +74,22 @@ def register_own(model: str, settings_class: type[Any]) -> None:
     )
     _check(PREFIX + model, made)
     _registered[PREFIX + model] = made
+
+
+def register_systems(names: Iterable[str], settings: type[Any]) -> None:
+    """Register the sections of recorded systems (`study.config.recorded`).
+
+    They replace those of a study that was read before, whose names may now mean simulators.
+
+    Args:
+        names: of the sections.
+        settings: the class of all of them.
+    """
+    for name in [name for name, kind in _registered.items() if kind is settings]:
+        del _registered[name]
+    for name in names:
+        _check(name, settings)
+        _registered[name] = settings
 
 
 def sections_of(settings_class: type[Any]) -> list[str]:

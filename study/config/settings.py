@@ -44,10 +44,12 @@ class Collect:
     """The observed data of one environment (stage collect).
 
     Args:
-        trajectories: training trajectories, of which each level has a fraction.
-        validation: trajectories for early stopping and tuning, the same for every level.
-        scenarios: test scenarios (the paper's 250).
-        rollouts: observed rollouts of each test scenario.
+        trajectories: training trajectories of a simulator, of which each level has a fraction. A
+            recorded system has all those of its logs.
+        validation: trajectories for early stopping and tuning, the same for every level; at most so
+            many windows of a recorded system.
+        scenarios: test scenarios (the paper's 250), at most so many of a recorded system.
+        rollouts: observed rollouts of each test scenario of a simulator.
         horizon: control steps T; null is the environment's own (120 and 60).
         seed: of the data sets; the same for every cell.
     """

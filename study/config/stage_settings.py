@@ -4,21 +4,32 @@ A stage sees these settings and its input folders, and nothing else of the confi
 JSON in a task's key and in its manifest.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import accumulate
 from typing import Any
 
 from study.config.model_sections import Network
+from study.config.recorded import Recorded
 from study.config.settings import Collect, Ensemble, Evaluate, Tune
 
 
 @dataclass(frozen=True)
 class CollectSettings:
-    """Stage collect: observe one environment."""
+    """Stage collect: observe one environment.
+
+    Attributes:
+        environment: its name.
+        collect: settings of the data.
+        recorded: settings of a recorded system; None for a simulator. The same in other stages.
+        files: SHA-256 of each log of a recorded system, by its path.
+    """
 
     environment: str
     collect: Collect
+    recorded: Recorded | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -26,6 +37,7 @@ class RecordDataSettings:
     """Stage record_data: the recording of an environment's training data."""
 
     environment: str
+    recorded: Recorded | None = None
 
 
 @dataclass(frozen=True)
@@ -35,10 +47,14 @@ class TrainingSet:
     Attributes:
         first: index of the first trajectory.
         trajectories: their number N.
+        of: None counts trajectories. A number divides the trajectories of a recorded system, whose
+            number is not known before they are read, into as many parts; `first` and
+            `trajectories` then count parts.
     """
 
     first: int
     trajectories: int
+    of: int | None = None
 
     @classmethod
     def of_level(cls, fraction: float, total: int, seed: int) -> "TrainingSet":
@@ -55,6 +71,25 @@ class TrainingSet:
         exact = Fraction(str(fraction))  # as it is written: a tenth and not its binary neighbour
         count = int(exact * total)
         return cls(seed % int(1 / exact) * count, count)
+
+    @classmethod
+    def of_recorded(cls, fraction: float, seed: int) -> "TrainingSet":
+        """The part of the trajectories of a recorded system; see `of_level`."""
+        parts = Fraction(str(fraction)).denominator
+        return replace(cls.of_level(fraction, parts, seed), of=parts)
+
+    def rows(self, windows: Sequence[int] = ()) -> slice:
+        """The rows of the data set, which has the windows of whole trajectories one by one.
+
+        Args:
+            windows: the number of windows of each trajectory of a recorded system.
+        """
+        if self.of is None:
+            return slice(self.first, self.first + self.trajectories)
+        count, ends = len(windows), [0, *accumulate(windows)]
+        first = min(self.first * count // self.of, count - 1)
+        end = max(first + 1, (self.first + self.trajectories) * count // self.of)
+        return slice(ends[first], ends[end])
 
 
 @dataclass(frozen=True)
@@ -99,16 +134,28 @@ class ValidateSettings:
     environment: str
     seed: int
     samples: int
+    recorded: Recorded | None = None
 
 
 @dataclass(frozen=True)
 class EvaluateSettings:
-    """Stage evaluate: forecasts of the test scenarios, and their scores."""
+    """Stage evaluate: forecasts of the test scenarios, and their scores.
+
+    Attributes:
+        environment: its name.
+        model: name of the forecaster.
+        seed: of the forecasts.
+        evaluate: settings of the scores.
+        recorded: see `CollectSettings`.
+        training: the training trajectories of a reference that forecasts from them.
+    """
 
     environment: str
     model: str
     seed: int
     evaluate: Evaluate
+    recorded: Recorded | None = None
+    training: TrainingSet | None = None
 
 
 @dataclass(frozen=True)
@@ -119,6 +166,7 @@ class RecordSettings:
     level: str
     model: str
     seed: int
+    recorded: Recorded | None = None
 
 
 STAGES: Mapping[str, type] = {

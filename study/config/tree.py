@@ -11,8 +11,9 @@ from typing import Any, get_type_hints
 from study.common.errors import BadInput, nearest, shown
 from study.config.grid import GROUPS, with_groups
 from study.config.names import FRACTIONS
+from study.config.recorded import Recorded
 from study.config.sections import PREFIX, descriptions, registered
-from study.config.settings import SECTIONS, Config
+from study.config.settings import SECTIONS, Config, Grid
 from study.config.validation import check_together
 from study.config.values import check_setting
 
@@ -107,10 +108,13 @@ def values_of(config: Config) -> dict[str, Any]:
 
 
 def to_json(config: Config) -> dict[str, Any]:
-    """The settings as sections of JSON; of models' own settings, those of the grid's models."""
+    """The settings as sections of JSON.
+
+    Of models' own settings and of recorded systems, those of the grid.
+    """
     nested: dict[str, Any] = {}
     for key, value in values_of(config).items():
-        if _is_used(key, config.grid.models):
+        if _is_used(key, config.grid):
             *path, name = _split(key)
             section = nested
             for part in path:
@@ -132,7 +136,7 @@ def from_json(values: Mapping[str, Any], unknown: Iterable[str] = ()) -> Config:
     given = flatten(values)
     config = config_of(given)
     for key, each in known_settings().items():
-        if key not in given and each.section not in unknown and _is_used(key, config.grid.models):
+        if key not in given and each.section not in unknown and _is_used(key, config.grid):
             raise BadInput(f"the setting '{key}' is missing")
     return config
 
@@ -187,9 +191,12 @@ def unknown_setting(key: str, where: str = "") -> BadInput:
     return BadInput(f"{begin}: {nearest(key, siblings or same_ending or sections)}")
 
 
-def _is_used(key: str, models: Iterable[str]) -> bool:
-    """Whether the setting is none of a model that the grid does not have."""
-    return not key.startswith(PREFIX) or _split(key)[1] in models
+def _is_used(key: str, grid: Grid) -> bool:
+    """Whether the setting is none of a model or recorded system that the grid does not have."""
+    first, *rest = _split(key)
+    if registered().get(first) is Recorded:
+        return first in grid.environments
+    return not key.startswith(PREFIX) or rest[0] in grid.models
 
 
 def _split(key: str) -> list[str]:

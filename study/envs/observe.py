@@ -15,23 +15,49 @@ from study.common.arrays import Floats
 from study.common.errors import StudyError
 from study.common.progress import Progress
 from study.common.seeds import Seeds, derive, spawn
+from study.config.recorded import Recorded
 from study.config.settings import Collect
 from study.data.trajectories import ScenarioSet, Trajectories
 from study.data.variables import Variable, to_json
+from study.envs.recorded import RecordedSystem
 from study.envs.simulator import Scenarios, Simulator, simulators
 
 CHUNK = 1000
 """Trajectories that are in memory together; progress is reported after each chunk."""
 
 
-def real_system(environment: str, collect: Collect) -> tuple[Simulator, int]:
-    """The simulator that the study observes, and the seed of all its data sets.
+def real_system(
+    environment: str, collect: Collect, recorded: Recorded | None = None
+) -> tuple[Simulator, int]:
+    """The system that the study observes, and the seed of all its data sets.
 
     Raises:
         BadInput: the environment is unknown.
     """
-    simulator = simulators[environment](horizon=collect.horizon)
+    simulator = system_of(environment, recorded, collect.horizon)
     return simulator, derive(environment, collect.seed)
+
+
+def system_of(
+    environment: str,
+    recorded: Recorded | None = None,
+    horizon: int | None = None,
+    control_step: float = 0.0,
+) -> Simulator:
+    """A simulator by its registered name, or a recorded system by its settings.
+
+    Args:
+        environment: name of the system.
+        recorded: its settings; None for a simulator.
+        horizon: number of control steps T; None is the system's own.
+        control_step: seconds, of a recorded system whose settings do not give it.
+
+    Raises:
+        BadInput: the environment is unknown, or a setting of a recorded system cannot be used.
+    """
+    if recorded is not None:
+        return RecordedSystem(environment, recorded, horizon, control_step)
+    return simulators[environment](horizon=horizon)
 
 
 def observe_training(

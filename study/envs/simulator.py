@@ -133,6 +133,12 @@ class Simulator(ABC):
     """Seconds from one state of a trajectory to the next."""
     radius: ClassVar[float]
     """Metres. The goal is reached when `position` is this close to `target`."""
+    has_position: bool = True
+    """Whether recordings draw `position` in space."""
+    position_unit: str = "m"
+    """The unit of `position`."""
+    has_target: bool = True
+    """Whether recordings draw `target`."""
     chunk_size: ClassVar[int] = 2048
     """Trajectories that are simulated together. A larger chunk shares the fixed cost of an
     operation among more trajectories; a smaller one fits into the CPU's cache."""

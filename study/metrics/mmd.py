@@ -14,6 +14,10 @@ estimate has mean zero for equal distributions and can be negative. The biased o
 The samples of one scenario, step and dimension are scalars. `study.metrics.kernel_sums` therefore
 computes the sums over pairs in linear time, exact to 1e-9.
 
+**One observed rollout** (L = 1), as of a recorded system. The second mean does not exist and is
+left out. The unbiased estimate is then 1 plus `kernel_score`: a proper score, whose lowest expected
+value is not zero. Differences between forecasters keep their meaning.
+
 **Non-finite forecasts.** A value that is not finite, or lies more than 1e15 bandwidths from the
 observed values, has the kernel 1 with every forecast and 0 with every observed value. These are the
 bounds of a kernel, so no finite values in its place score worse. No sample is dropped.
@@ -204,18 +208,18 @@ def kernel_score(forecast: Array, observation: Array, scale: Array, bandwidth: A
         scale: [D], standard deviations of the training data.
         bandwidth: [D], in units of `scale`.
     """
-    means = _gaps(forecast, observation[:, None], scale, bandwidth, (1.0,), fewest_rollouts=1)
+    means = _gaps(forecast, observation[:, None], scale, bandwidth, (1.0,))
     samples = forecast.shape[1]
     among = 1 - means.among_x * samples / (samples - 1)
     return float(np.mean(among - 2 * (1 - means.across)))
 
 
-def check_inputs(forecast: Array, observed: Array, fewest_rollouts: int = 2) -> None:
+def check_inputs(forecast: Array, observed: Array) -> None:
     """Raise ValueError for too few samples or rollouts, or a non-finite observed value."""
     samples, rollouts = forecast.shape[1], observed.shape[1]
-    if samples < 2 or rollouts < fewest_rollouts:
+    if samples < 2 or rollouts < 1:
         raise ValueError(
-            "MMD² needs at least two forecasts and two observed rollouts a scenario, "
+            "MMD² needs at least two forecasts and one observed rollout a scenario, "
             f"not {samples} and {rollouts}"
         )
     if not np.isfinite(observed).all():
@@ -225,7 +229,9 @@ def check_inputs(forecast: Array, observed: Array, fewest_rollouts: int = 2) -> 
 def discrepancy(parts: Gaps, samples: int, rollouts: int) -> Discrepancy:
     """Both estimates from the means of 1 - k over all pairs of K samples and L rollouts."""
     biased = 2 * parts.across - parts.among_x - parts.among_y
-    squared = biased - parts.among_x / (samples - 1) - parts.among_y / (rollouts - 1)
+    squared = biased - parts.among_x / (samples - 1)
+    if rollouts > 1:
+        squared = squared - parts.among_y / (rollouts - 1)
     # The V-statistic is a squared norm: a negative value is a rounding error.
     return Discrepancy(squared, np.sqrt(np.maximum(biased, 0)))
 
@@ -262,10 +268,9 @@ def _gaps(
     bandwidth: Array,
     factors: Sequence[float],
     progress: OnProgress | None = None,
-    fewest_rollouts: int = 2,
 ) -> Gaps:
     """Means of 1 - k over all pairs of each scenario, [F, S, T, D]."""
-    check_inputs(forecast, observed, fewest_rollouts)
+    check_inputs(forecast, observed)
     scenarios, _, steps, dimensions = observed.shape
     means = np.empty((3, len(factors), scenarios, steps, dimensions))
     for scenario, (samples, rollouts) in enumerate(zip(forecast, observed, strict=True)):

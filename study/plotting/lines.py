@@ -7,7 +7,7 @@ line with less opacity.
 from dataclasses import dataclass
 from zlib import crc32
 
-from study.config.names import ENSEMBLE, ORACLE
+from study.config.names import ENSEMBLE, FROM_DATA, ORACLE
 
 DASHES = (3.0, 1.5)
 """Lengths of a dash and of a gap, in line widths. The paper's Fig. 3 also dashes level high."""
@@ -30,11 +30,11 @@ class Line:
 
 
 def line_of(model: str, level: str) -> Line:
-    """The line of a model at a level. The lines of the oracle and the ensemble alone are thin.
+    """The line of a model at a level. The lines of references are thin.
 
     The oracle does not depend on the level, so its line is always solid.
     """
-    width = _REFERENCE if model in (ENSEMBLE, ORACLE) else _MODEL
+    width = _REFERENCE if model in (ENSEMBLE, ORACLE, *FROM_DATA) else _MODEL
     if level == "low" or model == ORACLE:
         return Line(width)
     dashes = OTHER_DASHES[crc32(level.encode()) % len(OTHER_DASHES)]

@@ -20,8 +20,11 @@ _OPACITIES = (150, 200, 255, 200, 150)
 def quantiles(states: Floats) -> Doubles:
     """The quantiles `QUANTILES` [5, T, D] of states [K, T, D].
 
-    Values that are not finite are ignored. Where no value is finite, the quantiles are NaN.
+    Values that are not finite are ignored. Where no value is finite, the quantiles are NaN. So are
+    those of no trajectories (K = 0).
     """
+    if not len(states):
+        return np.full((len(QUANTILES), *states.shape[1:]), np.nan)
     table = finite(states)
     undefined = np.isnan(table).all(axis=0)
     bands = np.nanquantile(np.where(undefined, 0.0, table), QUANTILES, axis=0)

@@ -155,6 +155,8 @@ def forecast(
     bands: Mapping[str, Sequence[Band]],
     eyes: Mapping[str, rrb.EyeControls3D],
     split: Collection[str] = (),
+    has_outcomes: bool = True,
+    position_unit: str = "m",
     columns: int = 2,
     rows: int = 3,
 ) -> rrb.Blueprint:
@@ -163,8 +165,10 @@ def forecast(
     Args:
         roots: entity root of each example, by the tab's title.
         bands: the bands of each state dimension, by root.
-        eyes: the viewpoint of each scene, by root.
+        eyes: the viewpoint of each scene, by root. A root without one has no scene.
         split: the roots with a variance that is split into aleatoric and epistemic.
+        has_outcomes: whether there is a probability of success.
+        position_unit: of the standard deviation of the position.
         columns: of plots of bands.
         rows: of plots of bands on a tab; further plots are on further tabs.
     """
@@ -179,15 +183,25 @@ def forecast(
             for page in _pages(bands[root], columns * rows)
         ]
         contents = ["/scene/**", f"{root}/scene/**", f"{root}/paths/**"]
-        scene = _scene("Observed and forecast paths", contents, eyes[root])
-        below: rrb.View | rrb.Container
-        below = plot("Probability of success so far", [f"{root}/success/**"], span=(-0.05, 1.05))
+        left: list[rrb.View | rrb.Container] = []
+        if root in eyes:
+            left.append(_scene("Observed and forecast paths", contents, eyes[root]))
+        below: list[rrb.View | rrb.Container] = []
+        if has_outcomes:
+            success = [f"{root}/success/**"]
+            below.append(plot("Probability of success so far", success, span=(-0.05, 1.05)))
         if root in split:
-            below = rrb.Horizontal(below, plot(POSITION_STD, [f"{root}/position_std"]))
-        left = rrb.Vertical(scene, below, row_shares=[3, 2])
+            std = f"{POSITION_STD} [{position_unit}]"
+            below.append(plot(std, [f"{root}/position_std"]))
+        if below:
+            left.append(rrb.Horizontal(*below) if len(below) > 1 else below[0])
         right = rrb.Tabs(*grids, name="State") if len(grids) > 1 else grids[0]
         about = readme(f"{root}/about", "About this scenario")
-        tabs.append(rrb.Horizontal(about, left, right, column_shares=[2, 5, 6], name=title))
+        if not left:
+            tabs.append(rrb.Horizontal(about, right, column_shares=[2, 11], name=title))
+            continue
+        column = rrb.Vertical(*left, row_shares=[3, 2]) if len(left) > 1 else left[0]
+        tabs.append(rrb.Horizontal(about, column, right, column_shares=[2, 5, 6], name=title))
     return blueprint("horizon", rrb.Tabs(*tabs, readme()), playing=True)
 
 
@@ -242,27 +256,30 @@ def data(
     signals: Mapping[str, Sequence[tuple[str, str]]],
     eyes: Mapping[str, rrb.EyeControls3D],
     close_up: rrb.EyeControls3D | None,
+    distance_title: str = "Distance to the target [m]",
 ) -> rrb.Blueprint:
     """Training data: for each selected trajectory a tab with the 3D scene and every signal.
 
     Args:
         roots: entity root of each selected trajectory, by the tab's title.
         signals: title and entity of each signal, by its page.
-        eyes: the viewpoint of each scene, by root.
+        eyes: the viewpoint of each scene, by root. A root without one has no scene.
         close_up: the viewpoint of a close-up of the bodies; None for no close-up.
+        distance_title: title of the plot of the distance.
     """
     tabs = []
     for title, root in roots.items():
         scene = ["/scene/**", f"{root}/scene/**"]
         paths = ["/paths/**", f"{root}/paths/**"]
-        distance = plot(
-            "Distance to the target [m]", ["/distance", f"{root}/distance", "/radius"], legend=None
-        )
+        distance = plot(distance_title, ["/distance", f"{root}/distance", "/radius"], legend=None)
         below: rrb.View | rrb.Container = distance
         if close_up is not None:
             close = _scene("Close-up", scene, close_up, f"{root}/{FOLLOW}")
             below = rrb.Horizontal(close, distance)
-        left = rrb.Vertical(_scene("Paths", [*scene, *paths], eyes[root]), below, row_shares=[3, 2])
+        left = below
+        if root in eyes:
+            above = _scene("Paths", [*scene, *paths], eyes[root])
+            left = rrb.Vertical(above, below, row_shares=[3, 2])
         pages = [
             grid(
                 [plot(name, [entity, f"{root}{entity}"], legend=None) for name, entity in page],

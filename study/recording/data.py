@@ -14,6 +14,7 @@ from study.data.variables import Variable
 from study.envs.simulator import Simulator
 from study.plotting.palette import HIGHLIGHT, OBSERVED, TARGET, faint
 from study.recording import bands, blueprints, paths, scenes, viewpoint
+from study.recording.distance import Distance
 from study.recording.properties import Properties, table, write_markdown, write_readme
 from study.recording.streams import (
     entity_path,
@@ -48,6 +49,17 @@ _HOW_TO_READ = """
   cursor. **Green** is its target, and the sphere in which the goal counts as reached. Green dots
   are the targets of the other trajectories.
 {close_up}- *Distance to the target*: the goal is reached where the line falls below the green line.
+- *Actions* and *State*, on the right: the actions are inputs of a model, which forecasts the state.
+"""
+_README_RECORDED = """
+# Training data
+
+The models of this system learn from windows of its logs. Each of the first tabs shows one window in
+**orange**, and the other windows of this recording in **grey**.
+"""
+_HOW_TO_READ_RECORDED = """
+**Orange** is this window, **grey** are the other windows of this recording.
+
 - *Actions* and *State*, on the right: the actions are inputs of a model, which forecasts the state.
 """
 _OF_CLOSE_UP = "- *Close-up*: the bodies at the time cursor. The view moves along with them.\n"
@@ -90,48 +102,40 @@ def record_data(
     """
     positions = simulator.position(trajectories.states).astype(np.float32)
     targets = np.asarray(simulator.target(trajectories.goal), dtype=np.float32)
-    distance = finite(np.linalg.norm(positions - targets[:, None], axis=-1))
+    if not simulator.has_target:
+        targets = positions[:, 0]
+    distance = Distance.of(simulator, trajectories)
     selected = _select(distance)
     model = simulator.scene()
     close_up = _close_up(model, positions)
-    design = _design(simulator, selected, positions, targets, close_up)
+    design = _design(simulator, selected, positions, targets, close_up, distance.title)
     with recording(path, KIND, properties, design, footer=False) as stream:
-        write_readme(stream, _README + _tables(simulator, trajectories, distance), properties)
+        readme = _README if simulator.has_target else _README_RECORDED
+        write_readme(stream, readme + _tables(simulator, trajectories, distance), properties)
         scenes.log_fixed(stream, simulator, model, trajectories.states[0, 0])
-        paths.log_paths(stream, "/paths/all", positions, _OTHERS)
-        dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
-        stream.log("/paths/targets", dots, static=True)
-        _log_signals(stream, simulator, trajectories, distance, selected)
+        if simulator.has_position:
+            paths.log_paths(stream, "/paths/all", positions, _OTHERS)
+        if simulator.has_target:
+            dots = rr.Points3D(targets, colors=[faint(TARGET, 150)], radii=rr.Radius.ui_points(3.0))
+            stream.log("/paths/targets", dots, static=True)
+        _log_signals(stream, simulator, trajectories, distance.values, selected)
         for item in selected:
             about = _about(simulator, trajectories, item, close_up is not None)
             write_markdown(stream, f"{item.root}/about", about)
-            target, entity = targets[item.row], f"{item.root}/paths/target"
-            paths.log_target(stream, entity, target, simulator.radius)
+            if simulator.has_target:
+                target, entity = targets[item.row], f"{item.root}/paths/target"
+                paths.log_target(stream, entity, target, simulator.radius)
             _log_trajectory(stream, item.root, simulator, model, trajectories.states[item.row])
 
 
-def _select(distance: Doubles) -> list[_Selected]:
-    """The trajectories with the smallest, the median and the largest distance to the target.
-
-    Args:
-        distance: [N, T+1] m, the distance of each trajectory to its target; NaN if not finite.
-    """
-    closest = _closest(distance)
-    order = np.argsort(closest, kind="stable")
-    rules = (
-        (order[0], "Closest", "comes closest to its target"),
-        (order[len(order) // 2], "Median", "comes as close to its target as the median"),
-        (order[-1], "Farthest", "stays farthest from its target"),
-    )
+def _select(distance: Distance) -> list[_Selected]:
+    """The trajectories with the smallest, the median and the largest distance."""
+    order = np.argsort(distance.extreme, kind="stable")
+    rows = (order[0], order[len(order) // 2], order[-1])
     selected: dict[int, _Selected] = {}
-    for row, title, rule in rules:
+    for row, (title, rule) in zip(rows, distance.rules, strict=True):
         selected.setdefault(int(row), _Selected(int(row), title, rule))
     return list(selected.values())
-
-
-def _closest(distance: Doubles) -> Doubles:
-    """The least distance [N] m of each trajectory to its target; infinite if none is finite."""
-    return np.asarray(np.nanmin(np.where(np.isnan(distance), np.inf, distance), axis=1))
 
 
 def _design(
@@ -140,6 +144,7 @@ def _design(
     positions: Floats,
     targets: Floats,
     close_up: rrb.EyeControls3D | None,
+    distance_title: str,
 ) -> rrb.Blueprint:
     """The layout, with pages for the signals and an eye for each scene."""
     plotted = tuple(v for v in simulator.state if v.name in simulator.plotted)
@@ -161,8 +166,10 @@ def _design(
             positions if close_up is None else positions[item.row], targets[item.row]
         )
         for item in selected
+        if simulator.has_position
     }
-    return blueprints.data({item.title: item.root for item in selected}, pages, eyes, close_up)
+    roots = {item.title: item.root for item in selected}
+    return blueprints.data(roots, pages, eyes, close_up, distance_title)
 
 
 def _signals(group: str, variables: tuple[Variable, ...]) -> list[tuple[str, str]]:
@@ -213,8 +220,9 @@ def _log_signals(
             style_lines(stream, item_entity, [f"trajectory {item.row}"], [HIGHLIGHT], 2.5)
             send_scalars(stream, item_entity, TIMELINE, steps, values[item.row])
     steps = np.arange(trajectories.horizon + 1)
-    style_lines(stream, "radius", ["success"], [TARGET], 2.0)
-    send_scalars(stream, "radius", TIMELINE, steps, np.full(len(steps), simulator.radius))
+    if simulator.has_target:
+        style_lines(stream, "radius", ["success"], [TARGET], 2.0)
+        send_scalars(stream, "radius", TIMELINE, steps, np.full(len(steps), simulator.radius))
     for column, variable in enumerate(simulator.unobserved):
         entity, rows = entity_path("unobserved", variable.name), np.arange(len(trajectories))
         unobserved = finite(trajectories.unobserved[:, column])
@@ -229,6 +237,8 @@ def _log_trajectory(
     states: Floats,
 ) -> None:
     """Log one trajectory [T+1, D] in the scene: its path, its dot, and the motion of the bodies."""
+    if not simulator.has_position:
+        return
     states = states[: scenes.finite_steps(states)]
     positions = simulator.position(states).astype(np.float32)
     times = [time_column(TIMELINE, np.arange(len(states)))]
@@ -250,6 +260,8 @@ def _about(
 ) -> str:
     """The panel of a selected trajectory: its outcome, its goal, and how to read its views."""
     states, goal = trajectories.states[item.row], trajectories.goal[item.row]
+    if not simulator.has_target:
+        return _about_recorded(simulator, trajectories, item)
     success = bool(simulator.outcome(states[1:], goal))
     seconds = simulator.control_step * trajectories.horizon
     text = (
@@ -266,6 +278,24 @@ def _about(
     return text + f"## How to read it\n{how}"
 
 
+def _about_recorded(simulator: Simulator, trajectories: Trajectories, item: _Selected) -> str:
+    """The panel of a selected trajectory of a recorded system."""
+    states, goal = trajectories.states[item.row, 1:], trajectories.goal[item.row]
+    seconds = simulator.control_step * trajectories.horizon
+    happened = simulator.outcomes(states, goal)
+    outcomes = "".join(
+        f"- {name}: **{'yes' if yes else 'no'}**\n" for name, yes in happened.items()
+    )
+    return (
+        f"# {item.title}\n\nOf the {len(trajectories)} windows of this recording, window "
+        f"{item.row} *{item.rule}* within {seconds:.3g} s ({trajectories.horizon} steps of "
+        f"{simulator.control_step:g} s).\n\n"
+        + (f"## Outcomes\n\n{outcomes}\n" if outcomes else "")
+        + (f"## Goal\n\n{_values(simulator.goal, goal)}\n" if simulator.goal else "")
+        + f"## How to read it\n{_HOW_TO_READ_RECORDED}"
+    )
+
+
 def _values(variables: tuple[Variable, ...], values: Floats) -> str:
     """Variables and their values as a Markdown list, since a narrow panel cuts off a table."""
     return "".join(
@@ -274,19 +304,19 @@ def _values(variables: tuple[Variable, ...], values: Floats) -> str:
     )
 
 
-def _tables(simulator: Simulator, trajectories: Trajectories, distance: Doubles) -> str:
+def _tables(simulator: Simulator, trajectories: Trajectories, distance: Distance) -> str:
     """Tables of the trajectories and of the variables, for the README panel."""
     success = simulator.outcome(trajectories.states[:, 1:], trajectories.goal)
     header = (
         "trajectory",
         *(bands.title(v) for v in simulator.unobserved),
-        "closest [m]",
+        distance.column,
         "success",
     )
     rows = [
         (str(row), *(f"{x:.3g}" for x in unobserved), f"{closest:.3g}", "yes" if reached else "no")
         for row, (unobserved, closest, reached) in enumerate(
-            zip(trajectories.unobserved, _closest(distance), success, strict=True)
+            zip(trajectories.unobserved, distance.extreme, success, strict=True)
         )
     ]
     variables = [
@@ -294,9 +324,14 @@ def _tables(simulator: Simulator, trajectories: Trajectories, distance: Doubles)
         for group in ("state", "action", "unobserved", "goal")
         for v in getattr(simulator, group)
     ]
+    succeed = f"{int(success.sum())} of {len(trajectories)}"
+    begin = (
+        f"\n**{succeed} succeed**: they come within {simulator.radius:g} m of their target. The "
+        "table shows the variables that no model observes, and the outcome:"
+    )
+    if not simulator.has_target:
+        begin = f"\nIn **{succeed}** windows the main outcome happens:"
     return (
-        f"\n**{int(success.sum())} of {len(trajectories)} succeed**: they come within "
-        f"{simulator.radius:g} m of their target. The table shows the variables that no model "
-        f"observes, and the outcome:\n\n{table(header, rows)}\n\n## Variables\n\n"
+        f"{begin}\n\n{table(header, rows)}\n\n## Variables\n\n"
         f"{table(('', 'name', 'unit', 'meaning'), variables)}\n"
     )

@@ -12,7 +12,9 @@ from study.envs.simulator import Simulator
 from study.metrics.variance import Decomposition, decompose
 
 MOST_UNCERTAIN = "most uncertain outcome"
-"""The rule that chooses the scenario whose observed probability of success is closest to 1/2."""
+"""The rule that chooses the scenario whose observed probability of success is closest to 1/2.
+
+If all outcomes were observed once, the forecast probability counts."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,16 @@ def choose_examples(scores: pd.DataFrame, count: int) -> dict[str, int]:
         "median MMD²": order[len(order) // 2],
         "lowest MMD²": order[0],
         "highest MMD²": order[-1],
-        MOST_UNCERTAIN: np.argmin(np.abs(observed - 0.5)),
-        "success most overestimated": np.argmax(forecast - observed),
-        "success most underestimated": np.argmax(observed - forecast),
+    }
+    if len(observed):  # a recorded system may have no outcome
+        # The outcome of one rollout is certain.
+        uncertain = forecast if np.isin(observed, (0, 1)).all() else observed
+        rules |= {
+            MOST_UNCERTAIN: np.argmin(np.abs(uncertain - 0.5)),
+            "success most overestimated": np.argmax(forecast - observed),
+            "success most underestimated": np.argmax(observed - forecast),
+        }
+    rules |= {
         "90 % quantile of MMD²": order[int(0.9 * (len(order) - 1))],
         "10 % quantile of MMD²": order[int(0.1 * (len(order) - 1))],
     }
@@ -124,7 +133,7 @@ def build_example(
     """
     names = ("s0", "actions", "goal", "observed", "forecast", "member", "members")
     values = {name: arrays[name][row] for name in names if name in arrays}
-    if "member" in values:
+    if "member" in values and simulator.has_position:
         parts = position_variance(simulator, values["forecast"], values["member"])
         values |= {"aleatoric": parts.aleatoric, "epistemic": parts.epistemic}
     return Example(title=title, description=description, **values)

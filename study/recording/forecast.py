@@ -14,6 +14,8 @@ from study.plotting.palette import FORECAST, OBSERVED
 from study.recording import bands, blueprints, paths, scenes, viewpoint
 from study.recording.examples import Example
 from study.recording.properties import Properties, write_markdown, write_readme
+from study.recording.recorded import README as README_RECORDED
+from study.recording.recorded import recorded_about
 from study.recording.streams import (
     entity_below,
     entity_path,
@@ -100,7 +102,7 @@ def record_forecast(
     design = _design(simulator, examples, roots, quantiles)
     # The index of hundreds of small entities would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
-        write_readme(stream, readme, properties)
+        write_readme(stream, readme if simulator.has_target else README_RECORDED, properties)
         model = simulator.scene()
         if examples:
             scenes.log_fixed(stream, simulator, model, examples[0].s0)
@@ -122,10 +124,10 @@ def success_so_far(simulator: Simulator, states: Floats, goal: Floats) -> Double
         states: [K, T, D] in SI units.
         goal: [G] in SI units.
     """
+    if not len(states):
+        return np.full(states.shape[1], np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
-        distance = np.linalg.norm(simulator.position(states) - simulator.target(goal), axis=-1)
-        close = distance <= simulator.radius
-    return np.asarray(np.maximum.accumulate(close, axis=-1).mean(axis=0))
+        return np.asarray(simulator.reached(states, goal).mean(axis=0))
 
 
 def _titles(examples: Sequence[Example]) -> list[str]:
@@ -163,16 +165,36 @@ def _design(
             )
             for dimension, variable in enumerate(simulator.state)
         ]
-        observed_paths = simulator.position(example.observed[:PATHS])
-        eyes[root] = viewpoint.eye(observed_paths, simulator.target(example.goal))
+        if simulator.has_position:
+            eyes[root] = _eye(simulator, example)
     split = {root for root, e in zip(roots.values(), examples, strict=True) if _is_split(e)}
-    return blueprints.forecast(roots, views, eyes, split)
+    has_outcomes = all(_has_outcomes(simulator, example) for example in examples)
+    unit = simulator.position_unit
+    return blueprints.forecast(roots, views, eyes, split, has_outcomes, unit)
+
+
+def _has_outcomes(simulator: Simulator, example: Example) -> bool:
+    """Whether the system has outcomes; every simulator has."""
+    return bool(simulator.outcomes(example.s0[None], example.goal))
+
+
+def _eye(simulator: Simulator, example: Example) -> rrb.EyeControls3D:
+    """An eye with the observed paths in view; without them, the forecast paths."""
+    states = example.observed if len(example.observed) else example.forecast
+    target = simulator.target(example.goal)
+    if not simulator.has_target:
+        target = simulator.position(example.s0)
+    return viewpoint.eye(simulator.position(states[:PATHS]), target)
 
 
 def _log_about(
     stream: rr.RecordingStream, root: str, simulator: Simulator, example: Example, notes: str
 ) -> None:
     """Log the panel of an example: its origin, its outcome, and how to read its views."""
+    if not simulator.has_target:
+        about = recorded_about(simulator, example, notes)
+        write_markdown(stream, f"{root}/about", about)
+        return
     observed = success_so_far(simulator, example.observed, example.goal)[-1]
     forecast = success_so_far(simulator, example.forecast, example.goal)[-1]
     seconds = simulator.control_step * len(example.actions)
@@ -200,18 +222,21 @@ def _log_example(
     example: Example,
 ) -> None:
     """Log all views of an example but its bands: scene, paths, success and standard deviation."""
-    _log_scene(stream, f"{root}/scene", simulator, model, example)
-    paths.log_scenario(
-        stream,
-        f"{root}/paths",
-        simulator,
-        example.goal,
-        example.observed[:PATHS],
-        example.forecast[:PATHS],
-        None if example.member is None else example.member[:PATHS],
-        example.members,
-    )
-    _log_success(stream, f"{root}/success", simulator, example)
+    if simulator.has_position:
+        if len(example.observed):
+            _log_scene(stream, f"{root}/scene", simulator, model, example)
+        paths.log_scenario(
+            stream,
+            f"{root}/paths",
+            simulator,
+            example.goal,
+            example.observed[:PATHS],
+            example.forecast[:PATHS],
+            None if example.member is None else example.member[:PATHS],
+            example.members,
+        )
+    if _has_outcomes(simulator, example):
+        _log_success(stream, f"{root}/success", simulator, example)
     if example.aleatoric is not None and example.epistemic is not None:
         position = simulator.position(example.observed)
         entity = f"{root}/position_std"

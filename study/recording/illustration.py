@@ -29,7 +29,8 @@ def illustrate(
         Arrays in m and m²: the positions from s_0 on, ``observed`` and ``forecast`` [K, T+1, 3] and
         ``members`` [M, T+1, 3]; ``member`` [K]; ``target`` [3]; the variances of the position over
         the horizon, ``aleatoric``, ``epistemic`` and ``observed_variance`` [T]. Then the facts:
-        rule, scenario, radius, control step and number of samples.
+        rule, scenario, radius, control step and number of samples. A system without a target has
+        the unit of its position as a fact, in place of m.
     """
     row = rules.index(MOST_UNCERTAIN) if MOST_UNCERTAIN in rules else 0
     forecast, observed = examples["forecast"][row], examples["observed"][row]
@@ -57,4 +58,6 @@ def illustrate(
         "control_step": simulator.control_step,
         "samples": len(forecast),
     }
+    if not simulator.has_target:
+        facts["position_unit"] = simulator.position_unit
     return arrays, facts

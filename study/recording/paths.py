@@ -126,22 +126,26 @@ def log_scenario(
         members: see `study.recording.examples.Example`.
     """
     observed_paths = simulator.position(observed).astype(np.float32)
-    forecast_paths = within_reach(simulator.position(forecast), observed_paths)
+    forecast_paths = simulator.position(forecast).astype(np.float32)
+    near = observed_paths if len(observed_paths) else forecast_paths
+    forecast_paths = within_reach(forecast_paths, near)
     target = np.asarray(simulator.target(goal), dtype=np.float32).reshape(3)
     colours: Colour | list[Colour] = FORECAST
     if member is not None:
         count = len(members) if members is not None else member.max() + 1
         colours = [series(int(m) % count) for m in member]
-    log_target(stream, f"{root}/target", target, simulator.radius)
+    if simulator.has_target:
+        log_target(stream, f"{root}/target", target, simulator.radius)
     log_paths(stream, f"{root}/observed", observed_paths, OBSERVED, 0.5)
     log_paths(stream, f"{root}/forecast", forecast_paths, colours, 0.5)
     if members is not None:
-        member_paths = within_reach(simulator.position(members), observed_paths)
+        member_paths = within_reach(simulator.position(members), near)
         member_colours = [series(m) for m in range(len(members))]
         log_paths(stream, f"{root}/members", member_paths, member_colours, 2.5)
-    log_moving_dots(stream, f"{root}/observed_dots", observed_paths, OBSERVED)
     log_moving_dots(stream, f"{root}/forecast_dots", forecast_paths, colours)
-    log_moving_dots(stream, f"{root}/replayed_dot", observed_paths[:1], REPLAYED, 9.0)
+    if len(observed_paths):
+        log_moving_dots(stream, f"{root}/observed_dots", observed_paths, OBSERVED)
+        log_moving_dots(stream, f"{root}/replayed_dot", observed_paths[:1], REPLAYED, 9.0)
 
 
 def within_reach(paths: Floats, observed: Floats) -> Floats:

@@ -71,6 +71,12 @@ In the plots, **blue** is the average over all dimensions of the state. Grey is 
 """
 
 
+_ONCE = """
+Each scenario was observed once. So there are no ratios of variances, an observed frequency is 0 or
+1, and MMD² is that against one observation: lower is better, but the lowest value is not 0.
+"""
+
+
 def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> None:
     """Write the recording of one cell's scores.
 
@@ -97,7 +103,8 @@ def record_scores(path: Path, scores: pd.DataFrame, properties: Properties) -> N
     design = blueprints.scores(_pages(stepwise), has_outcomes)
     # The index of hundreds of small entities would be larger than their data.
     with recording(path, KIND, properties, design, footer=False) as stream:
-        write_readme(stream, _README + _overall_table(overall), properties)
+        once = "" if "variance_ratio" in set(stepwise["metric"]) else _ONCE
+        write_readme(stream, _README + once + _overall_table(overall), properties)
         _log_overall(stream, overall)
         for metric, rows in stepwise.groupby("metric", sort=False):
             _log_metric(stream, str(metric), rows)

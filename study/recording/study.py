@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
-from study.config.names import ORACLE, label
+from study.config.names import FROM_DATA, ORACLE, label
 from study.metrics.variance import FIRST_STEP, median_ratio
 from study.plotting.lines import line_of
 from study.plotting.palette import REFERENCE, Colour, faint, model_colour_names, model_colours
@@ -48,6 +48,13 @@ The panel *Legend* names the colours. Some lines are references to compare with:
 - *Ensemble alone*: the recurrent networks without a model of the noise.
 - *Shift of 0.1, 0.3 and 1 sd*, for scale: the MMD² of correct forecasts, shifted by that many
   standard deviations of the observed states.
+"""
+_ONCE = """
+A recorded system was observed once in each scenario. So it has no oracle and no shifts. Its MMD² is
+that against one observation: lower is better, but the lowest value is not 0. Its references
+forecast from the training windows: *training climatology* (random windows), *persistence* (the
+initial state with the changes of random windows), and *analogues* (the windows that began most
+alike and had the most similar actions).
 """
 _LINES = """
 Thick: level low, trained on all data. Thin: other levels, trained on a part of the data. Faint
@@ -113,7 +120,9 @@ def record_study(
     design = blueprints.study(_plots(cells), horizons, _span(curves), panels)
     with recording(path, KIND, properties, design) as stream:
         below = _BELOW.format(titles=", ".join(f"*{title}*" for title in texts))
-        write_readme(stream, _README + below, properties)
+        has_recorded = any(cell.model in FROM_DATA for cell in cells)
+        readme = _README + (_ONCE if has_recorded else "") + below
+        write_readme(stream, readme, properties)
         write_markdown(stream, blueprints.LEGEND, _legend_text(cells))
         for title, text in texts.items():
             # The Markdown of the viewer does not support HTML.

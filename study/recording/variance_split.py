@@ -9,7 +9,7 @@ from study.recording.streams import finite, send_scalars, style_lines
 
 TIMELINE = "horizon"
 NAMES = ("observed", "forecast: total", "forecast: aleatoric", "forecast: epistemic")
-TITLE = "Standard deviation of the position [m]"
+TITLE = "Standard deviation of the position"
 
 
 def log_variance_split(
@@ -32,7 +32,9 @@ def log_variance_split(
         epistemic: [T], epistemic variance of the forecast in m², summed over axes.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        variance = observed.var(axis=0, ddof=1, dtype=np.float64).sum(axis=-1)
+        variance = np.full(len(aleatoric), np.nan)  # unknown without repeated rollouts
+        if len(observed) > 1:
+            variance = observed.var(axis=0, ddof=1, dtype=np.float64).sum(axis=-1)
         parts = (variance, aleatoric + epistemic, aleatoric, epistemic)
         stds = np.sqrt(np.maximum(finite(np.stack(parts, axis=-1)), 0.0))
     colours = [OBSERVED, FORECAST, ALEATORIC, EPISTEMIC]

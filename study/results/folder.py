@@ -11,6 +11,7 @@ from study.common.errors import BadInput, StudyError, explain, nearest
 from study.common.files import read_json, why_not_writable, write_json
 from study.common.plugins import import_plugins
 from study.config.grid import Cell, among, cells
+from study.config.recorded import register_recorded
 from study.config.settings import Config
 from study.config.tree import from_json, to_json
 from study.config.values import check_setting
@@ -169,6 +170,7 @@ def _settings(out: Path, values: Any) -> Config:
         import_plugins(check_setting("plugins", tuple[str, ...], values.get("plugins", ()), (), {}))
     except BadInput as error:
         raise BadInput(f"{out}: {error}") from None
+    register_recorded(values)
     try:
         return from_json(values, unknown=("engine",))
     except BadInput as error:

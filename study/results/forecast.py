@@ -18,10 +18,12 @@ from study.common.progress import Progress
 from study.common.provenance import made_with
 from study.common.seeds import Seeds, derive, spawn
 from study.config.grid import Cell
+from study.config.recorded import Recorded, recorded_of
 from study.data.plan_files import Plan, read_plan
 from study.data.trajectories import ScenarioSet, concatenate
 from study.envs import Simulator
 from study.envs.observe import real_system, repeat_rollouts, sample_planned, trajectory_seeds
+from study.envs.recorded import scenarios_of, windows_of
 from study.models.forecasting import example_arrays
 from study.recording.examples import Example, build_example, position_variance
 from study.recording.forecast import record_forecast
@@ -67,11 +69,30 @@ class Request:
         """A sentence about the source of the actions and of the noise."""
         if self.file is None:
             return f"Scenario {self.scenario} of the test set."
+        if self.recorded is not None:
+            return "A plan from a file, which was never observed."
         return f"A plan from a file, with the noise of test scenario {self.scenario}."
 
     def real_system(self) -> tuple[Simulator, int]:
         """The simulator, with the horizon of the study, and the seed of its data."""
-        return real_system(self.cell.environment, self.results.config.collect)
+        return real_system(self.cell.environment, self.results.config.collect, self.recorded)
+
+    @property
+    def recorded(self) -> Recorded | None:
+        """The settings of a recorded system; None for a simulator."""
+        return recorded_of(self.results.config, self.cell.environment)
+
+    def logged(self) -> ScenarioSet:
+        """The test scenario of a recorded system, from its logs.
+
+        Raises:
+            BadInput: there is no such scenario, or a log cannot be read.
+        """
+        assert self.recorded is not None
+        name, collect = self.cell.environment, self.results.config.collect
+        windows = windows_of(name, self.recorded, collect, Progress()).windows["test"]
+        _check_scenario(self.scenario, len(windows))
+        return concatenate(scenarios_of(windows, {}))[self.scenario : self.scenario + 1]
 
 
 def read_request(request: Request) -> Plan:
@@ -80,14 +101,14 @@ def read_request(request: Request) -> Plan:
     Raises:
         BadInput: there is no such scenario, or the file cannot be used.
     """
-    count = request.results.config.collect.scenarios
-    if not 0 <= request.scenario < count:
-        raise BadInput(
-            f"--scenario: got {request.scenario}; the test set has {count}, 0 to {count - 1}"
-        )
+    if request.recorded is None:
+        _check_scenario(request.scenario, request.results.config.collect.scenarios)
     simulator, seed = request.real_system()
     if request.file is not None:
         return read_plan(request.file, simulator)
+    if request.recorded is not None:
+        test = request.logged()
+        return Plan(test.s0[0], test.goal[0], test.actions[0])
     seeds, _ = trajectory_seeds(derive(seed, "test"), request.scenario + 1)
     scenario, actions = sample_planned(simulator, seeds[-1:])
     return Plan(scenario.s0[0], scenario.goal[0], actions[0])
@@ -102,12 +123,15 @@ def forecast(request: Request, plan: Plan, progress: Progress) -> Example:
     results, cell = request.results, request.cell
     simulator, seed = request.real_system()
     forecaster = load_forecaster(results, cell, simulator)
-    evaluation = Pipeline(results.config).evaluate(cell).settings
-    samples = request.samples or int(evaluation["evaluate"]["samples"])
-    _, noise = trajectory_seeds(derive(seed, "test"), request.scenario + 1)
-    rollouts = results.config.collect.rollouts
-    test = _observe(simulator, plan, rollouts, noise[-1:], progress.part(0.0, 0.5))
-    seeds = spawn(evaluation["seed"], request.scenario + 1)[-1:]
+    evaluation = Pipeline(results.config).evaluate_settings(cell)
+    samples = request.samples or evaluation.evaluate.samples
+    if request.recorded is not None:
+        test = _unobserved(plan) if request.file is not None else request.logged()
+    else:
+        _, noise = trajectory_seeds(derive(seed, "test"), request.scenario + 1)
+        rollouts = results.config.collect.rollouts
+        test = _observe(simulator, plan, rollouts, noise[-1:], progress.part(0.0, 0.5))
+    seeds = spawn(evaluation.seed, request.scenario + 1)[-1:]
     progress(0.5, "forecasting")
     forecasts = forecaster.forecast(test.s0, test.actions, samples, seeds)
     progress(1.0, "forecasting")
@@ -129,7 +153,7 @@ def outcome_probabilities(simulator: Simulator, example: Example) -> dict[str, t
     forecasts = simulator.outcomes(example.forecast, example.goal[None])
     observed = simulator.outcomes(example.observed, example.goal[None])
     return {
-        name: (float((occurs & finite).mean()), float(observed[name].mean()))
+        name: (float((occurs & finite).mean()), _mean(observed[name]))
         for name, occurs in forecasts.items()
     }
 
@@ -143,14 +167,14 @@ class PositionStd:
         total: of all forecasts.
         aleatoric: the part from the noise of the system; None without an ensemble.
         epistemic: the part from the members of the ensemble; None without an ensemble.
-        observed: of the observed rollouts.
+        observed: of the observed rollouts; None without repeated ones.
     """
 
     step: Integers
     total: Doubles
     aleatoric: Doubles | None
     epistemic: Doubles | None
-    observed: Doubles
+    observed: Doubles | None
 
 
 def position_std(simulator: Simulator, example: Example, count: int) -> PositionStd:
@@ -160,20 +184,19 @@ def position_std(simulator: Simulator, example: Example, count: int) -> Position
     variance is unbiased and may be negative by chance. The standard deviation is then 0.
     """
     forecasts = position_variance(simulator, example.forecast, example.member)
-    observed = position_variance(simulator, example.observed)
     horizon = len(example.actions)
     step = np.unique(np.linspace(0, horizon, count + 1).round().astype(np.int64)[1:])
 
     def std(variance: Doubles) -> Doubles:
         return np.sqrt(np.maximum(variance[step - 1], 0.0))
 
-    has_members = example.member is not None
+    has_members, repeated = example.member is not None, len(example.observed) > 1
     return PositionStd(
         step,
         std(forecasts.total),
         std(forecasts.aleatoric) if has_members else None,
         std(forecasts.epistemic) if has_members else None,
-        std(observed.total),
+        std(position_variance(simulator, example.observed).total) if repeated else None,
     )
 
 
@@ -201,6 +224,28 @@ def record(path: Path, request: Request, simulator: Simulator, example: Example)
         record_forecast(path, simulator, [example], properties, README, outcomes)
     except OSError as error:
         raise BadInput(f"--save: cannot write '{path}': {error.strerror}") from None
+
+
+def _mean(happens: Booleans) -> float:
+    """The share in which an outcome happens; NaN without rollouts."""
+    return float(happens.mean()) if happens.size else float("nan")
+
+
+def _check_scenario(scenario: int, count: int) -> None:
+    """Check that there is a test scenario of this number.
+
+    Raises:
+        BadInput: there is none.
+    """
+    if not 0 <= scenario < count:
+        raise BadInput(f"--scenario: got {scenario}; the test set has {count}, 0 to {count - 1}")
+
+
+def _unobserved(plan: Plan) -> ScenarioSet:
+    """A set of one scenario that was never observed."""
+    s0, actions, goal = plan.s0[None], plan.actions[None], plan.goal[None]
+    observed = np.empty((1, 0, len(plan.actions), len(plan.s0)), np.float32)
+    return ScenarioSet(s0, actions, goal, observed, np.empty((1, 0, 0), np.float32), {})
 
 
 def _observe(

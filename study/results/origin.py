@@ -11,6 +11,7 @@ from typing import Any
 from study.common.files import read_json
 from study.common.provenance import MANIFEST
 from study.config.grid import Cell
+from study.config.names import FROM_DATA, ORACLE
 from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -19,6 +20,8 @@ SEPARATOR = "; "
 """Separates values that differ between stages."""
 DIGITS = 16
 """Number of digits of the digest of a module."""
+RECORDED = "study.envs.recorded"
+"""The module of every recorded system."""
 NAMED = 3
 """Largest number of modules that a message names."""
 
@@ -54,8 +57,10 @@ class Origin:
             return "it is unknown with which source of environments and models these were made"
         registered: list[str] = []
         for cell in cells:
-            registered.append(simulators[cell.environment].__module__)
-            if cell.model != "oracle":
+            is_simulator = cell.environment in simulators
+            module = simulators[cell.environment].__module__ if is_simulator else RECORDED
+            registered.append(module)
+            if cell.model not in (ORACLE, *FROM_DATA):
                 registered.append(class_of(cell.model).__module__)
         registered = list(dict.fromkeys(registered))
         current = source_digests(tuple(registered))

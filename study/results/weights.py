@@ -6,6 +6,7 @@ from pathlib import Path
 
 from study.common.errors import StudyError, nearest
 from study.config.grid import Cell
+from study.config.names import FROM_DATA
 from study.envs import Simulator
 from study.models import Forecaster
 from study.models.checkpoints import fitted_ensemble, load_model, save_model
@@ -30,6 +31,11 @@ def load_forecaster(results: Results, cell: Cell, simulator: Simulator) -> Forec
         return Oracle(simulator)
     if cell.model == "ensemble":
         return _load_ensemble(results, cell)
+    if cell.model in FROM_DATA:
+        raise StudyError(
+            f"'{cell.name}' forecasts from the training data, which are not in {results.out}; "
+            "give the cell of a model"
+        )
     return load_model(_checked_path(results, cell))
 
 
@@ -41,7 +47,7 @@ def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
     """
     if cell.model == "ensemble":
         save_model(_load_ensemble(results, cell), "ensemble", folder / "ensemble.safetensors")
-    elif cell.model != "oracle":
+    elif cell.model not in ("oracle", *FROM_DATA):
         shutil.copyfile(_checked_path(results, cell), folder / "model.safetensors")
 
 

@@ -20,7 +20,7 @@ from study.config.stage_settings import EvaluateSettings
 from study.data.kernel import Kernel
 from study.data.storage import save_arrays
 from study.data.trajectories import ScenarioSet
-from study.envs import simulators
+from study.envs.observe import system_of
 from study.metrics.tables.scores import Outcomes, score
 from study.models.forecasting import (
     example_arrays,
@@ -29,8 +29,10 @@ from study.models.forecasting import (
     members_of_samples,
 )
 from study.models.oracle import Oracle
+from study.models.references import reference
 from study.recording.examples import choose_examples
 from study.recording.illustration import illustrate
+from study.training.inputs import training_trajectories
 
 
 def run(
@@ -39,8 +41,15 @@ def run(
     """Run the stage."""
     evaluate = settings.evaluate
     test = ScenarioSet.load(inputs["data"] / "test.safetensors")
-    simulator = simulators[settings.environment](horizon=test.actions.shape[1])
-    forecaster = load_forecaster(settings.model, simulator, inputs)
+    simulator = system_of(
+        settings.environment, settings.recorded, test.actions.shape[1], test.facts["control_step"]
+    )
+    if settings.training is not None:
+        training = training_trajectories(settings.training, inputs["data"])
+        validation = ScenarioSet.load(inputs["data"] / "validation.safetensors")
+        forecaster = reference(settings.model, training, validation)
+    else:
+        forecaster = load_forecaster(settings.model, simulator, inputs)
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(test))
     progress(0.01, "forecasting")
@@ -67,6 +76,6 @@ def run(
     examples = choose_examples(scores, evaluate.examples)
     arrays = example_arrays(forecaster, test, forecasts, seeds, np.array(list(examples.values())))
     save_arrays(out / "examples.safetensors", arrays, {"rules": list(examples)})
-    if "members" in arrays:
+    if "members" in arrays and simulator.has_position:
         illustration, facts = illustrate(simulator, arrays, list(examples))
         save_arrays(out / "illustration.safetensors", illustration, facts)

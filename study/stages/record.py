@@ -15,7 +15,9 @@ from study.common.progress import Progress
 from study.common.provenance import made_with, settings_of
 from study.config.grid import Cell
 from study.config.stage_settings import RecordSettings
-from study.envs import simulators
+from study.data.trajectories import ScenarioSet
+from study.envs import Simulator
+from study.envs.observe import system_of
 from study.recording.examples import read_examples
 from study.recording.forecast import record_forecast
 from study.recording.properties import Properties
@@ -28,7 +30,7 @@ def run(
     settings: RecordSettings, inputs: Mapping[str, Path], out: Path, progress: Progress
 ) -> None:
     """Run the stage."""
-    cell = Cell(**asdict(settings))
+    cell = Cell(settings.environment, settings.level, settings.model, settings.seed)
     properties = _properties(cell, inputs)
     # A residual model has both inputs. The recording shows the training of the residual model.
     fitted = inputs.get("trained", inputs.get("ensemble"))
@@ -41,9 +43,18 @@ def run(
     scores = pd.read_parquet(inputs["evaluation"] / "scores.parquet")
     record_scores(out / "scores.rrd", scores, properties)
     progress(0.5, "forecasts")
-    simulator = simulators[cell.environment]()
+    simulator = _system(settings, inputs)
     examples = read_examples(inputs["evaluation"] / "examples.safetensors", scores, simulator)
     record_forecast(out / "forecast.rrd", simulator, examples, properties)
+
+
+def _system(settings: RecordSettings, inputs: Mapping[str, Path]) -> Simulator:
+    """The real system; the data set has the control step of a recorded one."""
+    if settings.recorded is None:
+        return system_of(settings.environment)
+    facts = ScenarioSet.load(inputs["data"] / "validation.safetensors").facts
+    step = facts["control_step"]
+    return system_of(settings.environment, settings.recorded, control_step=step)
 
 
 def _properties(cell: Cell, inputs: Mapping[str, Path]) -> Properties:

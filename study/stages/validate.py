@@ -14,7 +14,7 @@ from study.common.seeds import spawn
 from study.config.stage_settings import ValidateSettings
 from study.data.kernel import Kernel
 from study.data.trajectories import ScenarioSet
-from study.envs import simulators
+from study.envs.observe import system_of
 from study.metrics.brier import brier_fair, brier_oracle, climatology, skill
 from study.metrics.variance import median_ratio, variance_ratio
 from study.models.checkpoints import load_model
@@ -28,19 +28,21 @@ def run(
     """Run the stage."""
     validation = ScenarioSet.load(inputs["data"] / "validation.safetensors")
     observed = validation.observed
-    simulator = simulators[settings.environment](horizon=validation.actions.shape[1])
+    simulator = system_of(settings.environment, settings.recorded, validation.actions.shape[1])
     model = load_model(inputs["trained"] / "model.safetensors")
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(validation))
     forecasts = forecast_in_parts(model, validation, settings.samples, seeds, progress)
+    once = observed.shape[1] == 1
     success = simulator.outcome(observed, validation.goal[:, None])
     forecast_success = simulator.outcome(forecasts, validation.goal[:, None])
-    oracle = brier_oracle(success.mean(1), success.shape[1]).mean()
+    # The best score of outcomes that were observed once is not known: 1 is a perfect forecast.
+    oracle = 0.0 if once else brier_oracle(success.mean(1), success.shape[1]).mean()
     reference = climatology(success).mean()
     finite = np.asarray(np.isfinite(forecasts).all((2, 3)))
     fair = brier_fair(forecast_success, success, finite).mean()
     brier_skill = skill(float(fair), float(oracle), float(reference))
-    ratio = variance_ratio(forecasts, observed, kernel.scale)
+    ratio = None if once else variance_ratio(forecasts, observed, kernel.scale)
     fit = read_json(inputs["trained"] / "fit.json")  # β, and posterior statistics of VAEs
     write_json(
         out / "validation.json",
@@ -49,6 +51,8 @@ def run(
             "mmd2": validation_mmd2(forecasts, observed, kernel),
             # Undefined where the outcome of every scenario is certain.
             "brier_skill": brier_skill if np.isfinite(brier_skill) else None,
-            "variance_ratio": median_ratio(ratio.T, np.arange(1, len(ratio) + 1)),
+            "variance_ratio": None
+            if ratio is None
+            else median_ratio(ratio.T, np.arange(1, len(ratio) + 1)),
         },
     )

@@ -149,13 +149,23 @@ def training_data(
     Raises:
         StudyError: a file is missing or damaged.
     """
-    first, end = selection.first, selection.first + selection.trajectories
-    training = Trajectories.load(folder / "train.safetensors")[first:end]
+    training = training_trajectories(selection, folder)
     validation = ScenarioSet.load(folder / "validation.safetensors")
     augmentation = Augmentation.of(symmetries, training.facts, seed)
     group = None if augmentation is None else augmentation.group
     normalization = Normalization.from_trajectories(training, group)
     return TrainingData(training, validation, normalization, augmentation)
+
+
+def training_trajectories(selection: TrainingSet, folder: Path) -> Trajectories:
+    """The selected training trajectories in a folder of the stage collect.
+
+    Raises:
+        StudyError: the file is missing or damaged.
+    """
+    trajectories = Trajectories.load(folder / "train.safetensors")
+    split = trajectories.facts.get("split", {"train": {}})
+    return trajectories[selection.rows(list(split["train"].values()))]
 
 
 def load_ensemble(folder: Path) -> RnnEnsemble:

@@ -27,6 +27,8 @@ def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
     if not task.plugins:
         return
     if task.stage == "collect":
+        if task.settings["recorded"] is not None:
+            return
         from study.envs import simulators
         from study.envs.check import check_foreign
 

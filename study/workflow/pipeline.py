@@ -14,6 +14,8 @@ from typing import Any
 
 from study.common.seeds import derive
 from study.config.grid import Cell
+from study.config.names import FROM_DATA
+from study.config.recorded import Recorded, recorded_of
 from study.config.settings import Config
 from study.config.stage_settings import (
     CollectSettings,
@@ -26,7 +28,8 @@ from study.config.stage_settings import (
     TuneSettings,
     ValidateSettings,
 )
-from study.envs import simulators
+from study.envs import Simulator, simulators
+from study.envs.recorded import check, log_digests
 from study.models import models
 from study.workflow.source import source_digests
 from study.workflow.task import Task
@@ -42,14 +45,19 @@ class Pipeline:
     def __init__(self, config: Config) -> None:
         self.config = config
         for environment in config.grid.environments:
-            simulators[environment]
+            self._system(environment)
         for model in config.grid.models:
             models[model]
 
     def collect(self, environment: str) -> Task:
         """The data of one environment, shared by all its cells."""
-        settings = CollectSettings(environment, self.config.collect)
-        return self._task("collect", environment, settings, [simulators[environment]])
+        recorded = self._recorded(environment)
+        if recorded is None:
+            settings = CollectSettings(environment, self.config.collect)
+        else:
+            files = log_digests(environment, recorded)
+            settings = CollectSettings(environment, self.config.collect, recorded.of_data(), files)
+        return self._task("collect", environment, settings, [self._system(environment)])
 
     def ensemble(self, cell: Cell) -> Task:
         """The M recurrent networks of one environment, level and seed."""
@@ -81,9 +89,10 @@ class Pipeline:
             cell.environment,
             derive(cell.environment, cell.seed, "validation forecasts"),
             self.config.evaluate.samples,
+            self._recorded(cell.environment),
         )
         inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
-        classes = [simulators[cell.environment], models[cell.model]]
+        classes = [self._system(cell.environment), models[cell.model]]
         return self._task("validate", cell.name, settings, classes, **inputs)
 
     def evaluate(self, cell: Cell) -> Task:
@@ -91,14 +100,9 @@ class Pipeline:
 
         The oracle's label and seed do not contain the level, so both levels share one task.
         """
-        settings = EvaluateSettings(
-            cell.environment,
-            cell.model,
-            derive(cell.environment, cell.model, cell.seed, "forecasts"),
-            self.config.evaluate,
-        )
+        settings = self.evaluate_settings(cell)
         inputs = {"data": self.collect(cell.environment)}
-        classes: list[type] = [simulators[cell.environment]]
+        classes: list[type] = [self._system(cell.environment)]
         if cell.model == "ensemble":
             inputs["ensemble"] = self.ensemble(cell)
         elif not cell.is_reference:
@@ -107,10 +111,21 @@ class Pipeline:
         label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
         return self._task("evaluate", label, settings, classes, **inputs)
 
+    def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
+        """The settings of `evaluate`, which need no log of a recorded system."""
+        return EvaluateSettings(
+            cell.environment,
+            cell.model,
+            derive(cell.environment, cell.model, cell.seed, "forecasts"),
+            self.config.evaluate,
+            self._recorded(cell.environment),
+            self._training_set(cell) if cell.model in FROM_DATA else None,
+        )
+
     def record_data(self, environment: str) -> Task:
         """The Rerun recording of one environment's training data."""
-        settings = RecordDataSettings(environment)
-        classes, data = [simulators[environment]], self.collect(environment)
+        settings = RecordDataSettings(environment, self._recorded(environment))
+        classes, data = [self._system(environment)], self.collect(environment)
         return self._task("record_data", environment, settings, classes, data=data)
 
     def record(self, cell: Cell) -> Task:
@@ -126,12 +141,28 @@ class Pipeline:
             inputs["trained"] = self.train(cell)
             if models[cell.model].tunes_beta:
                 inputs["tuning"] = self.tune(cell)
-        settings = RecordSettings(cell.environment, cell.level, cell.model, cell.seed)
-        return self._task("record", cell.name, settings, [simulators[cell.environment]], **inputs)
+        recorded = self._recorded(cell.environment)
+        settings = RecordSettings(cell.environment, cell.level, cell.model, cell.seed, recorded)
+        classes = [self._system(cell.environment)]
+        return self._task("record", cell.name, settings, classes, **inputs)
+
+    def _recorded(self, environment: str) -> Recorded | None:
+        return recorded_of(self.config, environment)
+
+    def _system(self, environment: str) -> type[Simulator]:
+        """The class of the environment.
+
+        Raises:
+            BadInput: it is unknown, or a setting of a recorded system cannot be used.
+        """
+        recorded = self._recorded(environment)
+        return simulators[environment] if recorded is None else check(environment, recorded)
 
     def _training_set(self, cell: Cell) -> TrainingSet:
         """The seed's part of the trajectories, as the fraction of its level says."""
         fraction, total = self.config.grid.levels[cell.level], self.config.collect.trajectories
+        if self._recorded(cell.environment) is not None:
+            return TrainingSet.of_recorded(fraction, cell.seed)
         return TrainingSet.of_level(fraction, total, cell.seed)
 
     def _fit(self, cell: Cell, purpose: str) -> TrainSettings:

@@ -12,6 +12,7 @@ from typing import Any
 from study.common.files import digest, read_json, write_json
 from study.common.provenance import source_revision
 from study.config.grid import Cell, cells
+from study.config.recorded import recorded_of
 from study.config.settings import Config
 from study.config.tree import to_json
 from study.workflow.store import Store
@@ -42,9 +43,9 @@ def write_cache(config: Config, records: Mapping[Cell, Task], store: Store) -> N
     """Write the tasks of `record_tasks` to the cache.
 
     A study with plugins has no cache. The source of a plugin may change, and its import takes as
-    long as that of the models.
+    long as that of the models. Neither has a study of logs, which may change.
     """
-    if config.plugins:
+    if config.plugins or any(recorded_of(config, name) for name in config.grid.environments):
         return
     ordered = topological_order(records.values())
     number = {task: index for index, task in enumerate(ordered)}

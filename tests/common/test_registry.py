@@ -36,7 +36,7 @@ def test_a_name_that_paths_or_tables_cannot_have(name: object) -> None:
 
 @pytest.mark.parametrize("name", [*RESERVED, "Oracle"])
 def test_a_name_with_another_meaning(name: str) -> None:
-    with pytest.raises(BadInput, match=f"'{name}' cannot name an environment; all, ensemble"):
+    with pytest.raises(BadInput, match=f"'{name}' cannot name an environment; all, analogues"):
         check_name("environment", name)
 
 

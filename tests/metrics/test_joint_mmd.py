@@ -130,7 +130,7 @@ def test_bad_observations_and_too_few_samples_are_refused() -> None:
     with pytest.raises(ValueError, match="at least two"):
         joint_mmd(observed[:, :1], observed, SCALE, BANDWIDTH)
     with pytest.raises(ValueError, match="at least two"):
-        joint_mmd(observed, observed[:, :1], SCALE, BANDWIDTH)
+        joint_mmd(observed, observed[:, :0], SCALE, BANDWIDTH)
     observed[1, 2, 0, 1] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         joint_mmd(observed, observed, SCALE, BANDWIDTH)

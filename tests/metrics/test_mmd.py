@@ -221,3 +221,26 @@ def test_kernel_score_is_proper_and_penalises_non_finite_forecasts() -> None:
     assert best < kernel_score(narrow, observation, one, one)
     assert best < kernel_score(not_finite, observation, one, one)
     assert kernel_score(np.full_like(right, np.inf), observation, one, one) == pytest.approx(1)
+
+
+def test_mmd_against_one_observation_is_one_plus_the_kernel_score() -> None:
+    rng = np.random.default_rng(0)
+    forecast, observed = rng.normal(size=(4, 9, 3, 2)), rng.normal(size=(4, 1, 3, 2))
+    scale, bandwidth = np.ones(2), np.full(2, 0.7)
+    squared = mmd(forecast, observed, scale, bandwidth).squared
+    assert squared.mean() == pytest.approx(
+        1 + kernel_score(forecast, observed[:, 0], scale, bandwidth)
+    )
+
+
+def test_mmd_against_one_observation_is_lowest_for_the_true_distribution() -> None:
+    rng = np.random.default_rng(1)
+    observed = rng.normal(size=(1000, 1, 1, 1))
+    true, narrow, shifted_by = (
+        rng.normal(mean, std, size=(1000, 20, 1, 1)) for mean, std in ((0, 1), (0, 0.3), (0.7, 1))
+    )
+    scores = [
+        mmd(forecast, observed, np.ones(1), np.ones(1)).squared.mean()
+        for forecast in (true, narrow, shifted_by)
+    ]
+    assert scores[0] < min(scores[1:])

@@ -83,8 +83,9 @@ def score(
 
     Args:
         forecast: [S, K, T, D] float32, physical units, K ≥ 2.
-        observed: [S, L, T, D] float32, physical units, L ≥ 2, finite.
-        outcomes: of both.
+        observed: [S, L, T, D] float32, physical units, finite. With L = 1, the rows that compare
+            variances are left out.
+        outcomes: of both. Without any, their rows are left out.
         scale: [D], standard deviations of the training data.
         bandwidth: [D], from `study.metrics.mmd.bandwidths`.
         names: D names of dimensions.
@@ -103,17 +104,23 @@ def score(
     report = progress or (lambda _: None)
     parts = _discrepancies(forecast, observed, scale, bandwidth, names, reference_shifts, report)
     report(0.8)
-    ratio = variance_ratio(forecast, observed, scale)
+    if observed.shape[1] > 1:
+        ratio = variance_ratio(forecast, observed, scale)
+        parts += [
+            by_dimension_and_step("variance_ratio", ratio, np.array(names, object)),
+            by_step("variance_ratio", mean_of_known(ratio, 1)),
+        ]
+    if outcomes.forecast:
+        parts.append(
+            outcome_rows(
+                outcomes.forecast,
+                outcomes.observed,
+                outcomes.forecast_by_step,
+                outcomes.observed_by_step,
+                np.asarray(finite.all((2, 3))),
+            )
+        )
     parts += [
-        by_dimension_and_step("variance_ratio", ratio, np.array(names, object)),
-        by_step("variance_ratio", mean_of_known(ratio, 1)),
-        outcome_rows(
-            outcomes.forecast,
-            outcomes.observed,
-            outcomes.forecast_by_step,
-            outcomes.observed_by_step,
-            np.asarray(finite.all((2, 3))),
-        ),
         trajectory_rows(forecast, observed, scale, names, member),
         overall("nonfinite", 1 - finite.mean()),
     ]

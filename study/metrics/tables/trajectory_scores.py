@@ -32,6 +32,7 @@ from study.metrics.tables.table import (
     overall,
 )
 from study.metrics.variance import (
+    Decomposition,
     aleatoric_ratio,
     decompose,
     epistemic_share,
@@ -55,7 +56,8 @@ def trajectory_rows(
     Args:
         forecast: [S, K, T, D], physical units, K ≥ 2. Each metric has its own rule for non-finite
             values; all score the worst case.
-        observed: [S, L, T, D], physical units, L ≥ 2, finite.
+        observed: [S, L, T, D], physical units, finite. Ratios of variances need L ≥ 2 and are left
+            out with L = 1.
         scale: [D], standard deviations of the training data.
         names: D names of dimensions.
         member: [S, K] integers, the ensemble member of each sample; None without an ensemble.
@@ -104,18 +106,31 @@ def _calibration(forecast: Array, observed: Array, dimensions: Array) -> list[pd
     return rows
 
 
-def _variances(
-    forecast: Array, observed: Array, scale: Array, dimensions: Array, member: Array | None
+def _ratios(
+    predicted: Decomposition, forecast: Array, observed: Array, scale: Array, dimensions: Array
 ) -> list[pd.DataFrame]:
-    predicted = decompose(forecast, member)
+    """The rows that compare with the variance of repeated rollouts."""
     ratio = aleatoric_ratio(predicted, observed, scale)
-    share = epistemic_share(predicted, scale)
     return [
         overall("variance_ratio", float(mean_of_known(variance_ratio(forecast, observed, scale)))),
         by_dimension_and_step("aleatoric_ratio", ratio, dimensions),
         by_dimension("aleatoric_ratio", mean_of_known(ratio, 0), dimensions),
         by_step("aleatoric_ratio", mean_of_known(ratio, 1)),
         overall("aleatoric_ratio", float(mean_of_known(ratio))),
+    ]
+
+
+def _variances(
+    forecast: Array, observed: Array, scale: Array, dimensions: Array, member: Array | None
+) -> list[pd.DataFrame]:
+    predicted = decompose(forecast, member)
+    share = epistemic_share(predicted, scale)
+    return [
+        *(
+            _ratios(predicted, forecast, observed, scale, dimensions)
+            if observed.shape[1] > 1
+            else ()
+        ),
         by_dimension_and_step("epistemic_share", share, dimensions),
         by_step("epistemic_share", mean_of_known(share, 1)),
         overall("epistemic_share", float(mean_of_known(share))),
