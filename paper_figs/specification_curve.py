@@ -1,0 +1,1 @@
+def plot(results): return []
