@@ -4,10 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Annotated, Any
-
-from rich.console import Console
 
 from study.commands.command import Argument, Command, Flag, StudyOptions
 from study.commands.estimate import estimate, in_words
@@ -16,7 +13,8 @@ from study.commands.terminal import console, say
 from study.commands.variants import Variants, last_tasks, run_missing, tasks_of
 from study.common.errors import BadInput, StudyError, nearest
 from study.config.settings import Config
-from study.multiverse.design import Design, Universe, config_of_universe
+from study.config.stage_settings import STAGES
+from study.multiverse.design import Design, Universe, check_defaults, config_of_universe
 from study.multiverse.read import PART, design_from
 from study.multiverse.universes import universes as universes_of
 from study.results.folder import check_writable, create
@@ -67,6 +65,7 @@ def run(options: Options) -> int:
     if options.what not in ACTIONS:
         raise BadInput(f"multiverse: got '{options.what}'; {nearest(options.what, ACTIONS)}")
     design = design_from(options.multiverse)
+    check_defaults(options.config, design)
     every = universes_of(design)
     selected = select(every, options.universes)
     configs = {
@@ -111,25 +110,19 @@ def _run(
         say(terminal, f"{len(selected)} universes of {len(every)} in the design")
         errors = run_missing(tasks_of(chosen), engine, store, terminal)
         collected = results.collect(options.config, design, every, tasks, store)
-        problem = None
+        problem, written = None, True
         try:
-            paths = results.publish(collected, out)
-        except StudyError as error:
-            paths, problem = [], error
-        for path in paths:
-            say(terminal, str(path))
-        for line in _failure_lines(errors, store):
-            say(terminal, line)
-        if problem is not None:
-            say(terminal, f"FAILED {problem}")
-        say(terminal, f"{len(collected.run)} of {len(every)} universes have scores")
+            written = results.publish(collected, out)
+        except StudyError as error:  # all other files are written
+            problem = error
+    for task, error in errors.items():
+        say(terminal, f"FAILED {task.name}: {error}  log: {store.log(task)}")
+    if problem is not None:
+        say(terminal, f"FAILED {problem}")
+    say(terminal, f"{len(collected.run)} of {len(every)} universes have scores")
+    for name in ("README.md", "choices.md", "figures", str(results.RECORDING)):
+        say(terminal, f"{out / name}{'' if written else '  (up to date)'}")
     return 1 if errors or problem else 0
-
-
-def _failure_lines(errors: dict[Task, str], store: Store) -> list[str]:
-    return [
-        f"FAILED {task.name}: {error}  log: {store.log(task)}" for task, error in errors.items()
-    ]
 
 
 def _evaluations(configs: dict[str, Config], only: str | None) -> Variants:
@@ -143,44 +136,36 @@ def _print_plan(
 ) -> int:
     """Print the choices, a line for each universe, and the stages with an estimate of the time."""
     terminal, store = console(), Store(options.out / "work")
-    chosen = {universe.name: configs[universe.name] for universe in selected}
-    variants = _evaluations(chosen, options.only)
-    planned: set[Task] = set()
+    variants = _evaluations({u.name: configs[u.name] for u in selected}, options.only)
     for choice in design.choices:
         counts = Counter(universe.values[choice.name] for universe in selected)
         listed = ", ".join(f"{value} ({counts[value]})" for value in choice.values)
-        say(terminal, f"{choice.name:12} {listed}")
+        say(terminal, f"{choice.name:16} {listed}")
     tasks = tasks_of(variants)
-    due = {task for task in tasks if store.reason_to_run(task) is not None}
-    ended = [task for task in tasks if task not in due]
+    due = [task for task in tasks if store.reason_to_run(task) is not None]
+    waiting, planned = set(due), set[Task]()
     for universe in selected:
-        own = tasks_of({universe.name: variants[universe.name]})
-        new = [task for task in own if task in due and task not in planned]
-        planned.update(new)
-        waiting = sum(task in due for task in own)
-        state = f"{len(new)} of {len(own)} stages to run" if waiting else "up to date"
-        shared = f", {waiting - len(new)} shared with universes above" * (waiting > len(new))
-        say(terminal, f"{universe.name:40} {state}{shared}")
-    _print_total(terminal, options, due, ended, len(tasks), store)
+        needed = tasks_of({universe.name: variants[universe.name]})
+        missing = waiting.intersection(needed)
+        new = missing - planned
+        planned |= new
+        state = f"{len(new)} of {len(needed)} stages to run" if missing else "up to date"
+        shared = f", {len(missing - new)} shared with universes above" * (missing != new)
+        say(terminal, f"{universe.name:36} {state}{shared}")
+    say(terminal, _total(tasks, due, options.config, store))
     return 0
 
 
-def _print_total(
-    terminal: Console,
-    options: Options,
-    due: set[Task],
-    ended: list[Task],
-    total: int,
-    store: Store,
-) -> None:
-    counts = Counter(task.stage for task in due)
-    by_stage = ", ".join(f"{count} {stage}" for stage, count in counts.items())
-    parallel = workers(options.config.engine)
-    seconds = estimate(due, ended, store) / parallel
-    line = f"{len(due)} of {total} stages to run"
-    if due:
-        line += f" ({by_stage}): about {in_words(seconds)}, {parallel} at a time"
-    say(terminal, line)
+def _total(tasks: list[Task], due: list[Task], config: Config, store: Store) -> str:
+    """The number of stages to run, and an estimate of the time that they take."""
+    line = f"{len(due)} of {len(tasks)} stages to run"
+    if not due:
+        return line
+    counts, parallel = Counter(task.stage for task in due), workers(config.engine)
+    waiting = set(due)
+    seconds = estimate(due, (task for task in tasks if task not in waiting), store) / parallel
+    by_stage = ", ".join(f"{counts[stage]} {stage}" for stage in STAGES if counts[stage])
+    return f"{line} ({by_stage}): about {in_words(seconds)}, {parallel} at a time"
 
 
 COMMAND = Command(

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from study.common.errors import BadInput
+from study.common.errors import BadInput, shown
 from study.config.settings import Config
 from study.config.tree import config_of, values_of
 
@@ -107,6 +107,26 @@ class Universe:
         if self.base is None:
             return "random"
         return "one change" if self.changed else "base"
+
+
+def check_defaults(config: Config, design: Design) -> None:
+    """Check that the first value of every choice is that of the settings that universes share.
+
+    So a base reading that names no choice is the study with these settings, and no setting is
+    replaced unnoticed.
+
+    Raises:
+        BadInput: a setting has another value.
+    """
+    shared = values_of(config)
+    for choice in design.choices:
+        for key, value in choice.values[choice.default].items():
+            if shared[key] != value:
+                raise BadInput(
+                    f"{key}: got {shown(shared[key])}, but the choice '{choice.name}' sets it, and "
+                    f"its first value '{choice.default}' is {shown(value)}; change "
+                    "multiverse.choices in the file of settings"
+                )
 
 
 def config_of_universe(config: Config, design: Design, universe: Universe) -> Config:

@@ -248,9 +248,7 @@ def _change(term: Term) -> str:
     return f"**{text}**" if term.low > 0 or term.high < 0 else text
 
 
-def _at_base(
-    multiverse: Multiverse, effects: "pd.Series[float]", base: str, term: Term
-) -> str:
+def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, term: Term) -> str:
     """The effect with this value minus that with the first value, all other values as in a base."""
     choice = next(c for c in multiverse.design.choices if c.name == term.choice)
     by_values = {

@@ -13,16 +13,22 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from study.claims.claim import OURS, Claim
-from study.claims.judge import CLAIMS
+from study.claims.judge import CLAIMS, Outcome
 from study.config.names import label
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
-from study.plotting.palette import REFERENCE, VERDICTS as PALETTE
-from study.plotting.palette import Colour, series
+from study.plotting.palette import REFERENCE, Colour, series
+from study.plotting.palette import VERDICTS as PALETTE
 from study.recording import blueprints
 from study.recording.properties import Properties, table, write_markdown, write_readme
-from study.recording.streams import entity_path, finite, recording, send_scalars, style_lines
-from study.recording.streams import time_column
+from study.recording.streams import (
+    entity_path,
+    finite,
+    recording,
+    send_scalars,
+    style_lines,
+    time_column,
+)
 
 KIND = "multiverse"
 TIMELINE = "universe"
@@ -126,7 +132,10 @@ def _style_dots(
     stream: rr.RecordingStream, entity: str, name: str, colour: Colour, size: float
 ) -> None:
     style = rr.SeriesPoints(
-        names=[name], colors=[colour], marker_sizes=[size], markers=[rr.components.MarkerShape.Circle]
+        names=[name],
+        colors=[colour],
+        marker_sizes=[size],
+        markers=[rr.components.MarkerShape.Circle],
     )
     stream.log(entity, style, static=True)
 
@@ -155,15 +164,14 @@ def page(multiverse: Multiverse, claims: Sequence[Claim], name: str) -> str:
     counts = own.loc[own["effect"].notna(), "verdict"].value_counts()
     reproduced = ", ".join(f"{counts.get(v.value, 0)} {v.value}" for v in VERDICTS)
     values = [
-        (choice.name, f"**{universe.values[choice.name]}**", choice.question)
-        for choice in multiverse.design.choices
+        (choice.name, f"**{universe.values[choice.name]}**") for choice in multiverse.design.choices
     ]
     verdicts = [
         (
-            claim.text,
             f"**{row['verdict']}**",
+            f"{shares(multiverse.effects, claim.id)[Outcome(row['verdict'])]:.0%}",
             f"{row['effect']:+.4f} [{row['low']:+.4f}, {row['high']:+.4f}]",
-            f"{shares(multiverse.effects, claim.id)[_verdict(row['verdict'])]:.0%}",
+            claim.text,
         )
         for claim in claims
         if claim.id in own.index and np.isfinite((row := own.loc[claim.id])["effect"])
@@ -180,18 +188,14 @@ def page(multiverse: Multiverse, claims: Sequence[Claim], name: str) -> str:
         [
             f"# {name}",
             f"{reproduced}.",
-            table(("choice", "value", "question"), values),
+            table(("choice", "value"), values),
             "## Claims",
-            table(("claim", "verdict", "effect", "universes with this verdict"), verdicts),
+            table(("verdict", "share of universes", "effect", "claim"), verdicts),
             "## Scores",
             table(("cell", *_CELL_COLUMNS), scores),
             f"Run this universe alone: `python -m study.run multiverse --universes '{name}'`",
         ]
     )
-
-
-def _verdict(name: str) -> "VERDICTS[0].__class__":
-    return next(verdict for verdict in VERDICTS if verdict.value == name)
 
 
 def _tabs(claims: Sequence[Claim]) -> dict[str, list[Claim]]:

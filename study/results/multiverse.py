@@ -9,7 +9,15 @@ from typing import Any
 import pandas as pd
 
 from study.common.errors import StudyError
-from study.common.files import read_json, write_text
+from study.common.files import (
+    digest,
+    read_checksums,
+    read_json,
+    sha256,
+    write_checksums,
+    write_json,
+    write_text,
+)
 from study.common.plugins import reason
 from study.common.provenance import versions
 from study.config.grid import Cell
@@ -18,8 +26,10 @@ from study.multiverse import folder, report
 from study.multiverse.design import Design, Universe
 from study.multiverse.effects import effects_of, join
 from study.multiverse.folder import Failure, Multiverse
+from study.results import checksums
 from study.results.folder import settings_of
 from study.results.summary import SCORES
+from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
 
@@ -28,6 +38,12 @@ METRICS = ("mmd2", "brier", "energy_score")
 DIAGNOSTICS = ("beta", "kl")
 """The numbers of each fit in ``cells.parquet``; NaN where a model has none."""
 COLUMNS = ("universe", "environment", "level", "model", "seed", *METRICS, *DIAGNOSTICS)
+
+RECORDING = Path("recordings") / "multiverse.rrd"
+STATE = Path("work") / "published.json"
+"""Holds a digest of all that the results folder was written from."""
+FILES = ("*.json", "*.md", "*.parquet", "figures/*", "recordings/*")
+"""The files with checksums."""
 
 Tasks = Mapping[str, Mapping[Cell, Task]]
 """The task `evaluate` of every cell, by universe."""
@@ -52,8 +68,9 @@ def collect(
     effects, rows, failures = [], [], []
     for universe in universes:
         by_cell = tasks[universe.name]
-        failed = list(_failures(universe.name, by_cell, store))
         complete = {cell: task for cell, task in by_cell.items() if scores.has(task)}
+        others = {cell: task for cell, task in by_cell.items() if cell not in complete}
+        failed = list(_failures(universe.name, others, store))
         failures += failed
         if len(complete) + len(failed) < len(by_cell) or not complete:
             continue
@@ -66,47 +83,65 @@ def collect(
     return Multiverse(design, universes, join(effects), cells, failures, facts)
 
 
-def publish(multiverse: Multiverse, out: Path) -> list[Path]:
-    """Write the results folder: the tables, the page, the figures and the recording.
+def publish(multiverse: Multiverse, out: Path) -> bool:
+    """Write the results folder: the tables, the pages, the figures, the recording and checksums.
 
     Returns:
-        the paths of the main files.
+        whether anything was written; not if the folder has the same results already.
 
     Raises:
         StudyError: a figure or the recording could not be written. All other files are.
     """
-    paths = folder.write(multiverse, out)
+    folder.write(multiverse, out)
+    tables = {name: sha256(out / name) for name in (folder.FACTS, folder.EFFECTS, folder.CELLS)}
+    source = dict(source_digests((__name__,)))
+    inputs = digest([tables, source])
+    if _is_current(inputs, out):
+        return False
+    (out / checksums.NAME).unlink(missing_ok=True)
     for name, text in report.pages(multiverse).items():
         write_text(out / name, text)
-        paths.append(out / name)
     shutil.rmtree(out / "figures", ignore_errors=True)
     problems = []
     for step in (_plot, _record):
         try:
-            paths += step(multiverse, out)
+            step(multiverse, out)
         except OSError:
             raise
         except Exception as error:
             problems.append(str(error) if isinstance(error, StudyError) else reason(error))
     if problems:
         raise StudyError("; ".join(problems))
-    return paths
+    files = sorted(path for pattern in FILES for path in out.glob(pattern))
+    write_checksums(
+        out / checksums.NAME, {str(path.relative_to(out)): sha256(path) for path in files}
+    )
+    write_json(out / STATE, {"inputs": inputs})
+    return True
 
 
-def _plot(_: Multiverse, out: Path) -> list[Path]:
+def _is_current(inputs: str, out: Path) -> bool:
+    """Whether the folder was written from the same inputs, and no file has changed since."""
+    try:
+        if read_json(out / STATE)["inputs"] != inputs:
+            return False
+        expected = read_checksums(out / checksums.NAME)
+        return all(sha256(out / name) == value for name, value in expected.items())
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _plot(_: Multiverse, out: Path) -> None:
     from paper_figs import specification_curve
 
     specification_curve.plot(out)
-    return [out / "figures"]
 
 
-def _record(multiverse: Multiverse, out: Path) -> list[Path]:
+def _record(multiverse: Multiverse, out: Path) -> None:
     from study.recording.multiverse import record_multiverse
 
-    path = out / "recordings" / "multiverse.rrd"
     properties = {"study": str(multiverse.facts["settings"]["name"])}
-    record_multiverse(path, multiverse, properties)
-    return [path]
+    record_multiverse(out / RECORDING, multiverse, properties)
 
 
 class _Scores:
@@ -143,9 +178,8 @@ class _Scores:
         return self._cache[task]
 
 
-def _row(
-    universe: str, cell: Cell, task: Task, scores: _Scores, store: Store
-) -> dict[str, Any]:
+def _row(universe: str, cell: Cell, task: Task, scores: _Scores, store: Store) -> dict[str, Any]:
+    """The row of one cell in ``cells.parquet``."""
     row: dict[str, Any] = {"universe": universe, **asdict(cell), **scores.means(task)}
     if "trained" in task.inputs:
         fit = read_json(store.folder(task.inputs["trained"]) / "fit.json")
@@ -154,7 +188,7 @@ def _row(
 
 
 def _failures(universe: str, by_cell: Mapping[Cell, Task], store: Store) -> Iterator[Failure]:
-    """The cells of a universe that have no scores because a stage failed."""
+    """The cells, of those without scores, that have none because a stage failed."""
     for cell, task in by_cell.items():
         if cause := _failed_stage(task, store):
             error = store.failure(cause).read_text(encoding="utf-8").strip()

@@ -113,8 +113,7 @@ def _rows(universe: str, claim: str, effect: float) -> list[dict[str, Any]]:
         "seeds": 2,
     }
     return [
-        common
-        | {"contrast": "A", "decisive": True, "effect": effect, "low": low, "high": high},
+        common | {"contrast": "A", "decisive": True, "effect": effect, "low": low, "high": high},
         common
         | {
             "contrast": "B",
