@@ -1,19 +1,26 @@
 """The design of a multiverse from the part ``multiverse`` of a YAML file. Every error is one line.
 
-multiverse:
-  bases:
-    study: {}                          # the first value of every choice
-    as_written: {variance: one number}
-  random: 24
-  choices:
-    variance:
-      question: Does the variance of a forecast step depend on the past?
-      values:
-        depends on the past: {vae.variance: heteroscedastic}
-        one number: {vae.variance: homoscedastic}
-  exclude:
-    - values: {variance: one number, target: the state}
-      reason: why no careful reader would combine the two
+Such a part is
+
+    multiverse:
+      bases:
+        study: {}                # the first value of every choice
+        as_written: {variance: homoscedastic}
+      random: 24
+      choices:
+        variance:
+          question: Does the variance of the decoder depend on the past?
+          values:
+            heteroscedastic: {vae.variance: heteroscedastic}
+            homoscedastic: {vae.variance: homoscedastic}
+        target:
+          question: Does the decoder predict the state itself or its change over a step?
+          values:
+            delta: {vae.target: delta}
+            state: {vae.target: state}
+      exclude:
+        - values: {variance: homoscedastic, target: delta}
+          reason: why no careful reader would combine the two
 """
 
 import re
