@@ -3,7 +3,8 @@
     python -m paper_figs.specification_curve results/multiverse
 
 One figure for each claim (Simonsohn, Simmons and Nelson 2020). Above, the decisive effect of each
-universe with its 95 % interval, in ascending order, in the colour of the verdict on the claim.
+universe with its 95 % interval, in ascending order, in the colour of the verdict on the claim, and
+the effects of its other contrasts in grey.
 Below, a dot for the value that the universe has of each choice. Vertical lines mark the base
 readings. A further figure, ``verdicts``, shows the share of each verdict for every claim.
 """
@@ -22,10 +23,10 @@ from matplotlib.patches import Patch
 
 from paper_figs.command import command
 from study.claims.claim import Claim
-from study.claims.judge import CLAIMS
+from study.claims.judge import CLAIMS, Outcome
 from study.common.errors import BadInput
 from study.multiverse.design import Choice
-from study.multiverse.effects import VERDICTS, curve, judged, shares
+from study.multiverse.effects import curve, judged, shares
 from study.multiverse.folder import FACTS, Multiverse, read
 from study.plotting import style
 from study.plotting.palette import VERDICTS as PALETTE
@@ -36,6 +37,8 @@ ROW = 0.115
 """Height of a row of the grid, in inches."""
 CURVE = 1.7
 """Height of the curve, in inches."""
+OTHER = "#B0B0B0"
+"""The colour of effects of contrasts that are not decisive."""
 EMPTY = "#ECECEC"
 """The colour of the dots of values that a universe does not have."""
 MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not of a multiverse"
@@ -73,7 +76,8 @@ def _specification(multiverse: Multiverse, claim: Claim) -> Figure:
     lines = sum(len(choice.values) for choice in choices) + 0.6 * len(choices)
     figure = Figure(figsize=(WIDTH, CURVE + 0.75 + ROW * lines), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[CURVE, ROW * lines])
-    _plot_curve(above, rows, claim)
+    others = _other_contrasts(rows, multiverse.effects, claim)
+    _plot_curve(above, rows, others, claim)
     _plot_grid(below, rows, multiverse)
     _mark_bases(above, below, rows, multiverse)
     above.set_title(claim.text, loc="left")
@@ -91,15 +95,35 @@ def _specification(multiverse: Multiverse, claim: Claim) -> Figure:
         )
         for verdict, share in shares(multiverse.effects, claim.id).items()
     ]
+    if len(others):
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=OTHER,
+                marker="o",
+                markersize=1.4,
+                linewidth=0,
+                label="other contrasts",
+            )
+        )
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
 
-def _plot_curve(axes: Axes, rows: pd.DataFrame, claim: Claim) -> None:
-    """The effects with their intervals."""
+def _other_contrasts(rows: pd.DataFrame, effects: pd.DataFrame, claim: Claim) -> pd.DataFrame:
+    """The effects of the contrasts that are not decisive, with the position of the universe."""
+    others = effects[(effects["claim"] == claim.id) & ~effects["decisive"]]
+    positions = dict(zip(rows["universe"], rows.index, strict=True))
+    return others.assign(position=others["universe"].map(positions)).dropna(subset=["position"])
+
+
+def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Claim) -> None:
+    """The decisive effects with their intervals, and the other effects without."""
     axes.axhline(0, color="black", linewidth=0.6)
     axes.axhline(claim.smallest_effect, color="black", linewidth=0.5, linestyle=(0, (1, 2)))
-    low, high = _limits(rows)
+    low, high = _limits(rows, others)
+    axes.plot(others["position"], others["effect"], "o", color=OTHER, markersize=1.4, zorder=1)
     for verdict, part in rows.groupby("verdict"):
         ends = part[["low", "high"]].clip(low - 1, high + 1)
         colour = COLOURS[str(verdict)]
@@ -111,12 +135,13 @@ def _plot_curve(axes: Axes, rows: pd.DataFrame, claim: Claim) -> None:
     axes.tick_params(axis="x", length=0, labelbottom=False)
 
 
-def _limits(rows: pd.DataFrame) -> tuple[float, float]:
+def _limits(rows: pd.DataFrame, others: pd.DataFrame) -> tuple[float, float]:
     """Limits that show all finite effects, and most of the intervals."""
-    effects = rows["effect"][np.isfinite(rows["effect"])]
+    effects = np.concatenate([rows["effect"], others["effect"]])
+    effects = effects[np.isfinite(effects)]
     ends = rows[["low", "high"]].to_numpy()
     ends = ends[np.isfinite(ends)]
-    low, high = min(effects.min(), 0.0), max(effects.max(), 0.0)
+    low, high = float(effects.min(initial=0.0)), float(effects.max(initial=0.0))
     reach = max(high - low, 1e-6)
     low = max(low - reach, float(ends.min(initial=low)))
     high = min(high + reach, float(ends.max(initial=high)))
@@ -184,7 +209,8 @@ def _verdicts(multiverse: Multiverse, claims: Sequence[Claim]) -> Figure:
     axes = figure.subplots()
     for row, claim in enumerate(claims):
         left = 0.0
-        for verdict, share in shares(multiverse.effects, claim.id).items():
+        found = shares(multiverse.effects, claim.id)
+        for verdict, share in ((Outcome(name), found[Outcome(name)]) for name in PALETTE):
             axes.barh(row, share, left=left, color=COLOURS[verdict], height=0.75)
             if share >= 0.07:
                 axes.text(left + share / 2, row, f"{share:.0%}", ha="center", va="center", size=5.5)
@@ -195,7 +221,7 @@ def _verdicts(multiverse: Multiverse, claims: Sequence[Claim]) -> Figure:
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
     axes.set_xlabel("share of universes")
     axes.grid(visible=False)
-    handles = [Patch(color=COLOURS[verdict], label=verdict.value) for verdict in VERDICTS]
+    handles = [Patch(color=colour, label=name) for name, colour in COLOURS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 

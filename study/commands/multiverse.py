@@ -115,8 +115,8 @@ def _run(
             written = results.publish(collected, out)
         except StudyError as error:  # all other files are written
             problem = error
-    for task, error in errors.items():
-        say(terminal, f"FAILED {task.name}: {error}  log: {store.log(task)}")
+    for task, message in errors.items():
+        say(terminal, f"FAILED {task.name}: {message}  log: {store.log(task)}")
     if problem is not None:
         say(terminal, f"FAILED {problem}")
     say(terminal, f"{len(collected.run)} of {len(every)} universes have scores")

@@ -76,6 +76,10 @@ class Design:
         """The first exclusion that applies to a reading; None if it is allowed."""
         return next((rule for rule in self.exclusions if rule.applies(values)), None)
 
+    def key(self, values: Values) -> tuple[str, ...]:
+        """The values in the order of the choices, which identify a reading."""
+        return tuple(values[choice.name] for choice in self.choices)
+
     def settings(self, values: Values) -> dict[str, Any]:
         """The settings of a reading that the choices determine, by dotted name."""
         return {

@@ -70,18 +70,20 @@ def join(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat([empty, *parts], ignore_index=True).astype(COLUMNS)
 
 
-def curve(effects: pd.DataFrame, claim: str) -> pd.DataFrame:
-    """The specification curve of a claim: its decisive effects, in ascending order.
+def curve(effects: pd.DataFrame, claim: str, contrast: str | None = None) -> pd.DataFrame:
+    """The specification curve of a claim: its effects, in ascending order.
 
     Args:
         effects: the table of all claims.
         claim: id of the claim.
+        contrast: one of the claim's contrasts; None for the decisive contrast of each universe.
 
     Returns:
         one row a universe, without universes that have no scores for the claim. An effect that is
         undefined (NaN) is left out.
     """
-    chosen = effects[(effects["claim"] == claim) & effects["decisive"] & effects["effect"].notna()]
+    chosen = effects[(effects["claim"] == claim) & effects["effect"].notna()]
+    chosen = chosen[chosen["decisive"] if contrast is None else chosen["contrast"] == contrast]
     return chosen.sort_values(["effect", "universe"], kind="stable").reset_index(drop=True)
 
 

@@ -88,7 +88,7 @@ def influence(
     count, terms = design.shape
     if count <= terms or np.linalg.matrix_rank(design) < terms:
         return None
-    outcome = finite.to_numpy(np.float64)
+    outcome: Doubles = np.asarray(finite.to_numpy(), np.float64)
     change, half = fit(design, outcome)
     total = float(((outcome - outcome.mean()) ** 2).sum())
     whole = _residual(design, outcome)

@@ -16,6 +16,8 @@ from study.multiverse.folder import Multiverse
 from study.multiverse.influence import Influence, Term, influence
 
 DASH = "–"
+CONTRASTS = 3
+"""A claim with up to as many contrasts has a table for each of them."""
 
 
 def pages(multiverse: Multiverse) -> dict[str, str]:
@@ -23,9 +25,11 @@ def pages(multiverse: Multiverse) -> dict[str, str]:
     return {"README.md": _summary(multiverse), "choices.md": _choices_page(multiverse)}
 
 
-def influence_on(multiverse: Multiverse, claim: str) -> Influence | None:
-    """The regression of the decisive effect of a claim on the choices."""
-    rows = curve(multiverse.effects, claim)
+def influence_on(
+    multiverse: Multiverse, claim: str, contrast: str | None = None
+) -> Influence | None:
+    """The regression of an effect on the choices, see `curve` for the arguments."""
+    rows = curve(multiverse.effects, claim, contrast)
     effects = rows.set_index("universe")["effect"]
     return influence(effects, multiverse.values, multiverse.design.choices)
 
@@ -202,26 +206,38 @@ def _choices_page(multiverse: Multiverse) -> str:
     lines = [
         "# Which choice moves the effect of each claim",
         "",
-        "For each value of a choice: the mean change of the decisive effect relative to the first "
+        "For each value of a choice: the mean change of the effect relative to the first "
         "value of the choice, by a linear regression over all universes without interactions, with "
         "a 95 % t interval (HC3). A change in bold has an interval without zero. The columns of "
         "the base readings show the change when that reading is changed in this choice alone. If "
         "they differ from each other, the choice interacts with others. *Share*: of the variance "
         "between universes, what is lost without the choice.",
         "",
+        "The first table of a claim is about its decisive contrast, the one with the smallest "
+        "effect in a universe. It may be another contrast in another universe, so a claim of two or three "
+        "contrasts has a table for each of them too.",
+        "",
     ]
     for claim in _claims(multiverse):
         lines += [f"## {claim.text}", "", f"`{claim.id}`, {claim.rule.value}.", ""]
         lines += [*_influence_table(multiverse, claim), ""]
+        contrasts = [contrast.text for contrast in claim.contrasts]
+        if 1 < len(contrasts) <= CONTRASTS:
+            for contrast in contrasts:
+                table = _influence_table(multiverse, claim, contrast)
+                lines += [f"### {_sentence(contrast)}", "", *table, ""]
     return "\n".join(lines)
 
 
-def _influence_table(multiverse: Multiverse, claim: Claim) -> Iterator[str]:
-    regression = influence_on(multiverse, claim.id)
+def _influence_table(
+    multiverse: Multiverse, claim: Claim, contrast: str | None = None
+) -> Iterator[str]:
+    regression = influence_on(multiverse, claim.id, contrast)
     if regression is None:
         yield "Too few universes have scores to tell the choices apart."
         return
-    effects = curve(multiverse.effects, claim.id).set_index("universe")["effect"]
+    rows = curve(multiverse.effects, claim.id, contrast)
+    effects = rows.set_index("universe")["effect"]
     bases = list(multiverse.design.bases)
     yield (
         f"{regression.universes} universes. The choices explain {regression.explained:.0%} of the "
@@ -250,13 +266,13 @@ def _change(term: Term) -> str:
 
 def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, term: Term) -> str:
     """The effect with this value minus that with the first value, all other values as in a base."""
-    choice = next(c for c in multiverse.design.choices if c.name == term.choice)
-    by_values = {
-        universe.values[term.choice]: universe.name
-        for universe in multiverse.universes
-        if universe.base == base and universe.changed in (None, term.choice)
-    }
-    names = [by_values.get(value) for value in (term.value, choice.default)]
+    design = multiverse.design
+    choice = next(c for c in design.choices if c.name == term.choice)
+    by_key = {design.key(universe.values): universe.name for universe in multiverse.universes}
+    names = [
+        by_key.get(design.key({**design.bases[base], choice.name: value}))
+        for value in (term.value, choice.default)
+    ]
     if any(name not in effects.index for name in names):
         return DASH
     changed, reference = (float(effects.loc[str(name)]) for name in names)
@@ -265,6 +281,11 @@ def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, ter
 
 def _number(value: float | None) -> str:
     return DASH if value is None or not np.isfinite(value) else f"{value:.3f}"
+
+
+def _sentence(text: str) -> str:
+    """Text with a capital letter, without changing the other letters."""
+    return text[:1].upper() + text[1:]
 
 
 def _name(name: str) -> str:

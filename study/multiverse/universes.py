@@ -22,7 +22,7 @@ BLOCK = 12
 
 
 def universes(design: Design) -> list[Universe]:
-    """All universes: every base with its single changes, then the random ones.
+    """All universes: the base readings, their single changes, then the random ones.
 
     A reading that occurs twice is one universe, with its first name. A single change that leads to
     an excluded combination is left out.
@@ -31,17 +31,20 @@ def universes(design: Design) -> list[Universe]:
         BadInput: a base reading is excluded, or rules exclude all values of a choice.
     """
     found: dict[tuple[str, ...], Universe] = {}
-    for universe in (*_around_bases(design), *_random(design)):
-        key = tuple(universe.values[choice.name] for choice in design.choices)
-        found.setdefault(key, universe)
+    for universe in (*_bases(design), *_single_changes(design), *_random(design)):
+        found.setdefault(design.key(universe.values), universe)
     return list(found.values())
 
 
-def _around_bases(design: Design) -> Iterator[Universe]:
+def _bases(design: Design) -> Iterator[Universe]:
     for base, values in design.bases.items():
         if rule := design.excluded(values):
             raise BadInput(f"multiverse.bases.{base}: excluded by a rule ({rule.reason})")
         yield Universe(base, base, None, values)
+
+
+def _single_changes(design: Design) -> Iterator[Universe]:
+    for base, values in design.bases.items():
         for choice in design.choices:
             for value in choice.values:
                 changed = {**values, choice.name: value}

@@ -169,7 +169,7 @@ def page(multiverse: Multiverse, claims: Sequence[Claim], name: str) -> str:
     verdicts = [
         (
             f"**{row['verdict']}**",
-            f"{shares(multiverse.effects, claim.id)[Outcome(row['verdict'])]:.0%}",
+            f"{shares(multiverse.effects, claim.id)[Outcome(str(row['verdict']))]:.0%}",
             f"{row['effect']:+.4f} [{row['low']:+.4f}, {row['high']:+.4f}]",
             claim.text,
         )

@@ -42,7 +42,7 @@ COLUMNS = ("universe", "environment", "level", "model", "seed", *METRICS, *DIAGN
 RECORDING = Path("recordings") / "multiverse.rrd"
 STATE = Path("work") / "published.json"
 """Holds a digest of all that the results folder was written from."""
-FILES = ("*.json", "*.md", "*.parquet", "figures/*", "recordings/*")
+FILES = ("[!.]*.json", "*.md", "*.parquet", "figures/*", "recordings/*")
 """The files with checksums."""
 
 Tasks = Mapping[str, Mapping[Cell, Task]]
@@ -172,8 +172,9 @@ class _Scores:
             of_scenarios = (table["step"] == -1) & (table["scenario"] >= 0)
             ratios = (table["metric"] == "aleatoric_ratio") & (table["dimension"] != "all")
             overall = table[(table["step"] == -1) & (table["scenario"] == -1)]
-            overall = overall[overall["dimension"] == "all"].set_index("metric")["value"]
-            means = {metric: float(overall[metric]) for metric in METRICS if metric in overall}
+            overall = overall[overall["dimension"] == "all"]
+            by_metric = dict(zip(overall["metric"], overall["value"], strict=True))
+            means = {name: float(by_metric[name]) for name in METRICS if name in by_metric}
             self._cache[task] = table[of_scenarios | ratios], means
         return self._cache[task]
 

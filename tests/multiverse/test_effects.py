@@ -52,6 +52,13 @@ def test_the_curve_ascends_and_has_every_universe_once() -> None:
     assert rows["effect"].max() < 0.5  # the other contrast has effects above
 
 
+def test_the_curve_of_one_contrast() -> None:
+    results = multiverse()
+    decisive, other = curve(results.effects, FIRST), curve(results.effects, FIRST, "B")
+    assert set(other["contrast"]) == {"B"}
+    np.testing.assert_allclose(other["effect"], decisive["effect"] + 1)
+
+
 def test_shares_are_of_the_universes_with_scores() -> None:
     results = multiverse()
     missing = results.effects["universe"].isin(results.run[:2])

@@ -39,7 +39,7 @@ def test_the_same_results_give_the_same_bytes(written: Path, tmp_path: Path) -> 
 
 
 def test_a_folder_without_a_multiverse(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="there is no multiverse in .*: run `python -m study.run"):
+    with pytest.raises(BadInput, match=r"there is no multiverse in .*: run `python -m study.run"):
         read(tmp_path)
 
 

@@ -18,7 +18,7 @@ from tests.helpers.multiverse import PART, design
 from tests.helpers.running import configuration
 
 FILE = CONFIGS / "multiverse.yaml"
-WITHOUT_RULES = {"exclude": []}
+WITHOUT_RULES: dict[str, Any] = {"exclude": []}
 
 
 def committed() -> dict[str, Any]:
@@ -46,10 +46,10 @@ def test_the_universes_around_the_base_readings() -> None:
     around = [u for u in universes(design(random=0)) if u.kind != "random"]
     assert [universe.name for universe in around] == [
         "study",
+        "as_written",
         "study/target=state",
         "study/beta=low",
         "study/beta=one",
-        "as_written",
         "as_written/forecast=sample",
         "as_written/target=change",
         "as_written/beta=one",
@@ -70,8 +70,16 @@ def test_no_universe_has_an_excluded_combination_and_none_occurs_twice() -> None
         assert len({universe.name for universe in found}) == len(found)
 
 
+def test_a_base_reading_keeps_its_name_if_it_is_one_change_of_another() -> None:
+    bases = {"study": {}, "as_written": {"target": "state"}}
+    names = [universe.name for universe in universes(design(bases=bases, random=0))]
+    assert names[:2] == ["study", "as_written"]
+    assert "study/target=state" not in names
+    assert "as_written/target=change" not in names
+
+
 def test_an_excluded_base_reading_is_an_error() -> None:
-    with pytest.raises(BadInput, match="bases.bad: excluded by a rule"):
+    with pytest.raises(BadInput, match=r"bases.bad: excluded by a rule"):
         universes(design(bases={"bad": {"forecast": "mean"}}))
 
 
@@ -166,5 +174,5 @@ def test_a_universe_with_settings_that_do_not_go_together_is_named() -> None:
     part["choices"]["beta"]["values"]["one"] = {"tune.beta_low": 1.0e5}
     planned = design_from(part)
     universe = next(u for u in universes(planned) if u.name == "study/beta=one")
-    with pytest.raises(BadInput, match="universe study/beta=one: tune.beta_low: got 100000"):
+    with pytest.raises(BadInput, match=r"universe study/beta=one: tune.beta_low: got 100000"):
         config_of_universe(configuration(), planned, universe)

@@ -53,8 +53,14 @@ def test_dots_ascend_and_stand_above_their_values(folder: Path) -> None:
     with mpl.rc_context(style.context()):
         above, below = specification_curve._specification(results, FIRST).axes
     dots = np.concatenate(
-        [np.column_stack(line.get_data()) for line in above.lines if line.get_marker() == "o"]
+        [
+            np.column_stack(line.get_data())
+            for line in above.lines
+            if line.get_marker() == "o" and line.get_color() != specification_curve.OTHER
+        ]
     )
+    (grey,) = [line for line in above.lines if line.get_color() == specification_curve.OTHER]
+    np.testing.assert_allclose(np.sort(grey.get_ydata()), np.sort(rows["effect"]) + 1)
     ordered = dots[np.argsort(dots[:, 0])]
     np.testing.assert_array_equal(ordered[:, 0], np.arange(len(rows)))
     np.testing.assert_array_equal(ordered[:, 1], rows["effect"])
@@ -62,13 +68,10 @@ def test_dots_ascend_and_stand_above_their_values(folder: Path) -> None:
         zip([t.get_text() for t in below.get_yticklabels()], below.get_yticks(), strict=True)
     )
     coloured = [line for line in below.lines if line.get_color() != specification_curve.EMPTY]
-    with_mean = {
-        int(x)
-        for line in coloured
-        if line.get_marker() == "o"
-        for x, y in zip(*line.get_data(), strict=True)
-        if y == ticks["mean"]
-    }
+    dots = np.concatenate(
+        [np.column_stack(line.get_data()) for line in coloured if line.get_marker() == "o"]
+    )
+    with_mean = set(dots[dots[:, 1] == ticks["mean"], 0].astype(int))
     expected = [results.values[name]["forecast"] == "mean" for name in rows["universe"]]
     assert with_mean == set(np.flatnonzero(expected))
 

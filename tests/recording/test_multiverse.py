@@ -37,7 +37,7 @@ def test_effects_and_intervals_are_those_of_the_table(path: Path) -> None:
     rows = curve(RESULTS.effects, CLAIM)
     expected = {ORDER[name]: effect for name, effect in rows[["universe", "effect"]].to_numpy()}
     found = reading.scalars_below(path, f"/effect/{CLAIM}")
-    points = {int(t): v for frame in found.values() for t, v in frame["value"].items()}
+    points = {int(str(t)): v for frame in found.values() for t, v in frame["value"].items()}
     assert points == expected
     for verdict in VERDICTS:
         part = rows[rows["verdict"] == verdict.value]
