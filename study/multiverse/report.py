@@ -214,8 +214,8 @@ def _choices_page(multiverse: Multiverse) -> str:
         "between universes, what is lost without the choice.",
         "",
         "The first table of a claim is about its decisive contrast, the one with the smallest "
-        "effect in a universe. It may be another contrast in another universe, so a claim of two or three "
-        "contrasts has a table for each of them too.",
+        "effect in a universe. It may be another contrast in another universe, so a claim of two "
+        "or three contrasts has a table for each of them too.",
         "",
     ]
     for claim in _claims(multiverse):
