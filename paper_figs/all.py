@@ -20,6 +20,7 @@ from paper_figs import (
     posteriors,
     reliability,
     score_tables,
+    specification_curve,
     tables_1_2_brier,
     variance_ratio,
 )
@@ -40,6 +41,7 @@ SCRIPTS = (
     variance_ratio,
     beta,
     base_rates,
+    specification_curve,
 )
 
 

@@ -13,20 +13,18 @@ from typing import Any
 import numpy as np
 
 from study.commands.command import Command, StudyOptions
-from study.commands.run_all import run_due
 from study.commands.settings import change
 from study.commands.terminal import console, say
+from study.commands.variants import Variants, last_tasks, run_missing, tasks_of
 from study.common.errors import BadInput, shown
 from study.common.files import read_json, write_json, write_text
 from study.common.provenance import versions
-from study.config.grid import Cell, cells, select
+from study.config.grid import Cell
 from study.config.names import label
 from study.config.settings import Config
 from study.results.folder import check_writable, create, settings_of
 from study.workflow.lock import locked
 from study.workflow.store import Store
-from study.workflow.task import Task
-from study.workflow.task_cache import topological_order
 
 DETAILS = """\
 Each change has the form of settings on the command line, without dashes. β is searched for again
@@ -54,8 +52,6 @@ set was not used. A dash (–) means that a change does not concern a model.
   steps from the eleventh on: 1 is ideal.
 """
 
-Variants = Mapping[str, Mapping[Cell, Task]]
-"""The task `validate` of every cell, by change. The key "" is for the settings without a change."""
 Scores = Mapping[str, Any]
 """The scores that the stage validate wrote for one cell."""
 
@@ -67,19 +63,16 @@ class Options(StudyOptions):
 
 def run(options: Options) -> int:
     """Run the stages that are not up to date, and write the tables."""
+    from study.workflow.pipeline import Pipeline
+
     out, terminal = options.out, console()
     configs = changed_configs(options.config)
     check_writable(out)
-    variants = validation_tasks(configs, options.only)
+    variants = last_tasks(configs, options.only, Pipeline.validate, references=False)
     create(out)
     store = Store(out / "work")
     with locked(out):
-        tasks = topological_order(
-            task for by_cell in variants.values() for task in by_cell.values()
-        )
-        store.remove_progress()
-        due = [task for task in tasks if store.reason_to_run(task) is not None]
-        errors = run_due(due, options.config.engine, store, terminal) if due else {}
+        errors = run_missing(tasks_of(variants), options.config.engine, store, terminal)
         for task, error in errors.items():
             say(terminal, f"{task.name}: {error}")
         say(terminal, str(write(out, options.config, variants, store)))
@@ -106,25 +99,14 @@ def changed_configs(config: Config) -> dict[str, Config]:
     return configs
 
 
-def validation_tasks(configs: Mapping[str, Config], only: str | None) -> Variants:
-    """The last task of every cell whose name matches `only`, for each change."""
-    from study.workflow.pipeline import Pipeline
-
-    variants = {}
-    for text, config in configs.items():
-        pipeline = Pipeline(config)
-        fitted = [cell for cell in select(cells(config), only) if not cell.is_reference]
-        variants[text] = {cell: pipeline.validate(cell) for cell in fitted}
-    return variants
-
-
 def write(out: Path, config: Config, variants: Variants, store: Store) -> Path:
     """Write ``README.md``, with a table for each environment and level, and ``ablations.json``.
 
     Args:
         out: the results folder.
         config: the settings without a change.
-        variants: the tasks. A cell whose task failed has the entry `failed`.
+        variants: the task `validate` of every cell, by change; first, under "", without a change.
+            A cell whose task failed has the entry `failed`.
         store: the folders of the tasks.
 
     Returns:

@@ -59,6 +59,10 @@ class Command(Generic[Options]):
             subclass of `StudyOptions` gets the settings as well.
         run: runs the command and returns the exit code.
         details: explanation and examples in the help.
+        config: YAML file of settings that is used without ``--config``; None for those of the study
+            in OUT or ``configs/quick.yaml``.
+        part: a part of that file that is no setting. The field of the options with this name gets
+            it, as YAML gives it.
     """
 
     name: str
@@ -66,6 +70,8 @@ class Command(Generic[Options]):
     options: type[Options]
     run: Callable[[Options], int]
     details: str
+    config: str | None = None
+    part: str | None = None
 
     @property
     def takes_settings(self) -> bool:

@@ -13,6 +13,7 @@ from study.commands import (
     forecast,
     inspect,
     join,
+    multiverse,
     plan,
     portrait,
     run_all,
@@ -21,7 +22,7 @@ from study.commands import (
     view,
 )
 from study.commands.command import Command, read_path
-from study.commands.settings import HELP, import_plugins_of, read_config, split
+from study.commands.settings import HELP, import_plugins_of, read_config, read_part, split
 from study.commands.settings_help import add_settings
 from study.common.errors import BadInput, nearest
 
@@ -39,6 +40,7 @@ MODULES = (
     verify,
     join,
     ablate,
+    multiverse,
 )
 COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}
 
@@ -129,9 +131,11 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
         raise BadInput("--config: given twice; give one file, and flags for what is different")
     values = parser.parse_args(rest)
     out = read_path("--out", values.out) if values.out else None
-    config = read_config(values.config, texts, out)
+    file = values.config or command.config
+    config = read_config(file, texts, out, command.part)
+    parts = {command.part: read_part(file, command.part)} if command.part else {}
     out = out or Path("results") / config.name
-    return command.read_options(values, config=config, out=out, only=values.only)
+    return command.read_options(values, config=config, out=out, only=values.only, **parts)
 
 
 class _Parser(ArgumentParser):

@@ -61,7 +61,9 @@ def split(
     return texts, rest
 
 
-def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Config:
+def read_config(
+    file: str | None, texts: Texts, out: Path | None = None, part: str | None = None
+) -> Config:
     """The checked settings of a file and of flags, after importing the plugins.
 
     Args:
@@ -69,6 +71,7 @@ def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Conf
             ``configs/quick.yaml`` if `out` has no study.
         texts: of the flags.
         out: a results folder.
+        part: a part of the file that is no setting, see `read_part`.
 
     Raises:
         BadInput: a setting is unknown or has a value that is not allowed.
@@ -76,12 +79,17 @@ def read_config(file: str | None, texts: Texts, out: Path | None = None) -> Conf
     stored = stored_settings(out) if file is None and out is not None else None
     if stored is None:
         path = Path(file) if file is not None else DEFAULT
-        content = _read_file(path)
+        content = {key: value for key, value in _read_file(path).items() if key != part}
     else:
         path, content = stored
     import_plugins_of(content, texts)
     register_recorded(content)
     return config_of(flatten(content, f" in {path}") | _values(texts))
+
+
+def read_part(file: str | None, part: str) -> Any:
+    """The part of a file of settings that is no setting; None if the file does not have it."""
+    return _read_file(Path(file) if file is not None else DEFAULT).get(part)
 
 
 def import_plugins_of(content: Mapping[str, Any], texts: Texts) -> None:

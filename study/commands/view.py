@@ -14,16 +14,20 @@ from study.results import folder
 KINDS = ("forecast", "scores", "training", "tuning")
 WHOLE_STUDY = "study"
 """The name of the recording of the whole study, in place of a cell."""
+MULTIVERSE = "multiverse"
+"""The name of the recording of a multiverse, in place of a cell."""
 
 DETAILS = """\
 what  a cell, for one of its recordings (see --kind); an environment, for its training data; or
-      `study`, for the curves, tables and claims of all cells
+      `study`, for the curves, tables and claims of all cells; `multiverse`, for the effects in
+      every universe
 
 Without a display, --save DIR writes a picture of every view, and a page of them, to DIR. This needs
 a Vulkan driver (on Debian or Ubuntu the package mesa-vulkan-drivers).
 
 examples
   python -m study.run view study
+  python -m study.run view multiverse --out results/multiverse
   python -m study.run view pusher
   python -m study.run view pusher/low/residual_vae/seed-0
   python -m study.run view pusher/low/residual_vae/seed-0 --kind scores --save pictures"""
@@ -74,6 +78,13 @@ def find_recording(options: Options) -> Path:
     environments = list(dict.fromkeys(cell.environment for cell in known))
     if name == WHOLE_STUDY:
         path = options.out / folder.STUDY_RECORDING
+    elif name == MULTIVERSE:
+        path = recordings / "multiverse.rrd"
+        if not path.is_file():
+            raise StudyError(
+                f"there is no recording {path}; python -m study.run multiverse writes it; --out "
+                "names the folder"
+            )
     elif name in environments:
         path = recordings / name / "data.rrd"
     else:

@@ -42,6 +42,14 @@ TRIAL_STATES: dict[str, Colour] = {
     "failed": (214, 72, 60, 255),
 }
 
+VERDICTS: dict[str, Colour] = {
+    "reproduced": (0, 158, 115, 255),
+    "partly": (86, 180, 233, 255),
+    "inconclusive": (150, 150, 150, 255),
+    "not reproduced": (213, 94, 0, 255),
+}
+"""The colour of each verdict on a claim, from the best to the worst."""
+
 _RGB = {
     "blue": (0, 114, 178),
     "vermilion": (213, 94, 0),

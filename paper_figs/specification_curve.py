@@ -1,0 +1,230 @@
+"""Specification curves of a multiverse: the effect of a claim in every universe.
+
+    python -m paper_figs.specification_curve results/multiverse
+
+One figure for each claim (Simonsohn, Simmons and Nelson 2020). Above, the decisive effect of each
+universe with its 95 % interval, in ascending order, in the colour of the verdict on the claim, and
+the effects of its other contrasts in grey.
+Below, a dot for the value that the universe has of each choice. Vertical lines mark the base
+readings. A further figure, ``verdicts``, shows the share of each verdict for every claim.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from paper_figs.command import command
+from study.claims.claim import Claim
+from study.claims.judge import CLAIMS, Outcome
+from study.common.errors import BadInput
+from study.multiverse.design import Choice
+from study.multiverse.effects import curve, judged, shares
+from study.multiverse.folder import FACTS, Multiverse, read
+from study.plotting import style
+from study.plotting.palette import VERDICTS as PALETTE
+from study.plotting.png import WIDTH
+
+COLOURS = {verdict: style.hexadecimal(colour) for verdict, colour in PALETTE.items()}
+ROW = 0.115
+"""Height of a row of the grid, in inches."""
+CURVE = 1.7
+"""Height of the curve, in inches."""
+OTHER = "#B0B0B0"
+"""The colour of effects of contrasts that are not decisive."""
+EMPTY = "#ECECEC"
+"""The colour of the dots of values that a universe does not have."""
+MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not of a multiverse"
+
+
+def plot(results: Path) -> list[Path]:
+    """Write figures/specification_<claim> and figures/verdicts, as .png and .pdf.
+
+    A folder without a multiverse gets no figure.
+
+    Raises:
+        BadInput: there is no such folder.
+    """
+    if not results.is_dir():
+        raise BadInput(f"there is no folder {results}: run `python -m study.run multiverse` first")
+    if not (results / FACTS).is_file():
+        return []
+    multiverse = read(results)
+    names = judged(multiverse.effects)
+    claims = [claim for claim in CLAIMS if claim.id in names]
+    written = []
+    with mpl.rc_context(style.context()):
+        for claim in claims:
+            stem = results / "figures" / f"specification_{claim.id}"
+            written += style.save(_specification(multiverse, claim), stem)
+        if claims:
+            stem = results / "figures" / "verdicts"
+            written += style.save(_verdicts(multiverse, claims), stem)
+    return written
+
+
+def _specification(multiverse: Multiverse, claim: Claim) -> Figure:
+    rows = curve(multiverse.effects, claim.id)
+    choices = multiverse.design.choices
+    lines = sum(len(choice.values) for choice in choices) + 0.6 * len(choices)
+    figure = Figure(figsize=(WIDTH, CURVE + 0.75 + ROW * lines), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[CURVE, ROW * lines])
+    others = _other_contrasts(rows, multiverse.effects, claim)
+    _plot_curve(above, rows, others, claim)
+    _plot_grid(below, rows, multiverse)
+    _mark_bases(above, below, rows, multiverse)
+    above.set_title(claim.text, loc="left")
+    above.set_xlim(-1, len(rows))
+    below.set_xlabel(f"{len(rows)} universes, in the order of the effect")
+    counts = rows["verdict"].value_counts()
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=COLOURS[verdict],
+            marker="o",
+            markersize=3,
+            label=f"{verdict}: {counts.get(verdict, 0)} ({share:.0%})",
+        )
+        for verdict, share in shares(multiverse.effects, claim.id).items()
+    ]
+    if len(others):
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=OTHER,
+                marker="o",
+                markersize=1.4,
+                linewidth=0,
+                label="other contrasts",
+            )
+        )
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def _other_contrasts(rows: pd.DataFrame, effects: pd.DataFrame, claim: Claim) -> pd.DataFrame:
+    """The effects of the contrasts that are not decisive, with the position of the universe."""
+    others = effects[(effects["claim"] == claim.id) & ~effects["decisive"]]
+    positions = dict(zip(rows["universe"], rows.index, strict=True))
+    return others.assign(position=others["universe"].map(positions)).dropna(subset=["position"])
+
+
+def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Claim) -> None:
+    """The decisive effects with their intervals, and the other effects without."""
+    axes.axhline(0, color="black", linewidth=0.6)
+    axes.axhline(claim.smallest_effect, color="black", linewidth=0.5, linestyle=(0, (1, 2)))
+    low, high = _limits(rows, others)
+    axes.plot(others["position"], others["effect"], "o", color=OTHER, markersize=1.4, zorder=1)
+    for verdict, part in rows.groupby("verdict"):
+        ends = part[["low", "high"]].clip(low - 1, high + 1)
+        colour = COLOURS[str(verdict)]
+        axes.vlines(part.index, ends["low"], ends["high"], color=colour, linewidth=0.9, alpha=0.6)
+        axes.plot(part.index, part["effect"], "o", color=colour, markersize=2.6)
+    axes.set_ylim(low, high)
+    axes.set_ylabel("effect (decisive contrast)")
+    axes.grid(axis="x", visible=False)
+    axes.tick_params(axis="x", length=0, labelbottom=False)
+
+
+def _limits(rows: pd.DataFrame, others: pd.DataFrame) -> tuple[float, float]:
+    """Limits that show all finite effects, and most of the intervals."""
+    effects = np.concatenate([rows["effect"], others["effect"]])
+    effects = effects[np.isfinite(effects)]
+    ends = rows[["low", "high"]].to_numpy()
+    ends = ends[np.isfinite(ends)]
+    low, high = float(effects.min(initial=0.0)), float(effects.max(initial=0.0))
+    reach = max(high - low, 1e-6)
+    low = max(low - reach, float(ends.min(initial=low)))
+    high = min(high + reach, float(ends.max(initial=high)))
+    return low - 0.06 * reach, high + 0.12 * reach
+
+
+def _plot_grid(axes: Axes, rows: pd.DataFrame, multiverse: Multiverse) -> None:
+    """A row of dots for each value of each choice."""
+    values = multiverse.values
+    ticks, labels, row = [], [], 0.0
+    for choice in multiverse.design.choices:
+        first = row
+        for value in choice.values:
+            axes.plot(rows.index, np.full(len(rows), row), "o", color=EMPTY, markersize=1.6)
+            for verdict, part in rows.groupby("verdict"):
+                chosen = [values[name][choice.name] == value for name in part["universe"]]
+                dots = part.index[chosen]
+                axes.plot(dots, [row] * len(dots), "o", color=COLOURS[str(verdict)], markersize=2.6)
+            ticks.append(row)
+            labels.append(value)
+            row += 1
+        _name_choice(axes, choice, (first + row - 1) / 2)
+        row += 0.6
+    axes.set_yticks(ticks, labels, fontsize=5.5)
+    axes.set_ylim(row - 0.4, -0.9)
+    axes.grid(visible=False)
+    axes.tick_params(length=0, labelbottom=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _name_choice(axes: Axes, choice: Choice, row: float) -> None:
+    """The name of a choice, to the right of its rows."""
+    axes.text(
+        1.005,
+        row,
+        choice.name.replace("_", " "),
+        transform=axes.get_yaxis_transform(),
+        va="center",
+        fontsize=6,
+        fontweight="bold",
+    )
+
+
+def _mark_bases(above: Axes, below: Axes, rows: pd.DataFrame, multiverse: Multiverse) -> None:
+    for base in multiverse.design.bases:
+        for position in rows.index[rows["universe"] == base]:
+            for axes in (above, below):
+                axes.axvline(position, color="black", linewidth=0.5, alpha=0.5, zorder=0)
+            above.annotate(
+                base.replace("_", " "),
+                (position, 1.0),
+                xycoords=above.get_xaxis_transform(),
+                xytext=(2, -1),
+                textcoords="offset points",
+                va="top",
+                fontsize=6,
+                rotation=90,
+            )
+
+
+def _verdicts(multiverse: Multiverse, claims: Sequence[Claim]) -> Figure:
+    """Stacked bars: the share of universes with each verdict, for every claim."""
+    figure = Figure(figsize=(WIDTH, 0.7 + 0.17 * len(claims)), layout="constrained")
+    axes = figure.subplots()
+    for row, claim in enumerate(claims):
+        left = 0.0
+        found = shares(multiverse.effects, claim.id)
+        for verdict, share in ((Outcome(name), found[Outcome(name)]) for name in PALETTE):
+            axes.barh(row, share, left=left, color=COLOURS[verdict], height=0.75)
+            if share >= 0.07:
+                axes.text(left + share / 2, row, f"{share:.0%}", ha="center", va="center", size=5.5)
+            left += share
+    axes.set_yticks(range(len(claims)), [claim.id for claim in claims])
+    axes.set_ylim(len(claims) - 0.4, -0.6)
+    axes.set_xlim(0, 1)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+    axes.set_xlabel("share of universes")
+    axes.grid(visible=False)
+    handles = [Patch(color=colour, label=name) for name, colour in COLOURS.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+if __name__ == "__main__":
+    sys.exit(command(plot, "Specification curves of a multiverse.", missing=MISSING))

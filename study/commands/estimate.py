@@ -1,0 +1,78 @@
+"""An estimate of the time that tasks take, from their settings and from tasks that have ended."""
+
+from collections.abc import Iterable, Mapping
+from statistics import fmean
+from typing import Any
+
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+SECONDS = {
+    "collect": 1.2e-3,
+    "ensemble": 4.5e-2,
+    "tune": 2.3e-2,
+    "train": 2.0e-2,
+    "evaluate": 8e-4,
+}
+"""Seconds of one core for each unit of `work`, with the networks of quick.yaml and paper.yaml."""
+SMALLEST = 2.0
+"""Seconds of a task at least, to start and to write its files."""
+BATCH = 12
+"""Trajectories in a batch of the networks of `SECONDS`."""
+
+
+def estimate(due: Iterable[Task], ended: Iterable[Task], store: Store) -> float:
+    """The seconds of one core that tasks take.
+
+    A stage and environment of which tasks have ended take time in proportion to those.
+
+    Args:
+        due: the tasks to run.
+        ended: tasks that have run, with timings in the store.
+        store: the folders of the tasks.
+    """
+    ratios: dict[tuple[str, str], list[float]] = {}
+    for task in ended:
+        seconds = store.timing(task).get("cpu_seconds")
+        if seconds:
+            ratios.setdefault(_kind(task), []).append(float(seconds) / _expected(task))
+    return sum(_expected(task) * fmean(ratios.get(_kind(task), [1.0])) for task in due)
+
+
+def in_words(seconds: float) -> str:
+    """A duration: `40 s`, `12 min` or `3.5 h`."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _kind(task: Task) -> tuple[str, str]:
+    """Tasks of one kind take similar times for the same work."""
+    return task.stage, task.label.split("/")[0]
+
+
+def _expected(task: Task) -> float:
+    return max(SMALLEST, SECONDS.get(task.stage, SMALLEST) * work(task))
+
+
+def work(task: Task) -> float:
+    """Optimiser steps of batches of 12, trajectories to observe, or forecasts to score."""
+    settings = task.settings
+    if task.stage == "collect":
+        collect = settings["collect"]
+        return float(collect["trajectories"] + collect["scenarios"] * collect["rollouts"])
+    if task.stage == "ensemble":
+        return _steps(settings["ensemble"])
+    if task.stage == "train":
+        return _steps(settings["model_settings"]["train"])
+    if task.stage == "tune":
+        train, tune = settings["fit"]["model_settings"]["train"], settings["tune"]
+        return float(tune["trials"] * tune["steps"]) * train["batch_size"] / BATCH
+    if task.stage == "evaluate":
+        data = task.inputs["data"].settings["collect"]
+        return float(data["scenarios"] * settings["evaluate"]["samples"])
+    return 1.0
+
+
+def _steps(fit: Mapping[str, Any]) -> float:
+    return float(fit["steps"] * fit["batch_size"]) / BATCH

@@ -1,0 +1,179 @@
+"""Command `multiverse`: judge the claims in many readings of the paper."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Annotated, Any
+
+from study.commands.command import Argument, Command, Flag, StudyOptions
+from study.commands.estimate import estimate, in_words
+from study.commands.settings import CONFIGS
+from study.commands.terminal import console, say
+from study.commands.variants import Variants, last_tasks, run_missing, tasks_of
+from study.common.errors import BadInput, StudyError, nearest
+from study.config.settings import Config
+from study.config.stage_settings import STAGES
+from study.multiverse.design import Design, Universe, check_defaults, config_of_universe
+from study.multiverse.read import PART, design_from
+from study.multiverse.universes import universes as universes_of
+from study.results.folder import check_writable, create
+from study.workflow.engine import workers
+from study.workflow.lock import locked
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+ACTIONS = ("run", "plan")
+
+DETAILS = """\
+The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
+part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
+multiverse continues where it stopped; a new value or choice runs what is new alone.
+OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, figures/ and
+recordings/multiverse.rrd.
+
+what  run; or plan, which lists the universes with the stages to run and the time that they take
+
+exit  0 if all is well, 1 if a stage failed (the other universes still run), 2 if the input is wrong
+
+examples
+  python -m study.run multiverse plan
+  python -m study.run multiverse
+  python -m study.run multiverse --universes 'as_written*'
+  python -m study.run multiverse --grid.seeds '[0, 1]' --engine.workers 8"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(StudyOptions):
+    """Options of `multiverse`.
+
+    Attributes:
+        what: one of `ACTIONS`.
+        universes: a pattern of names of universes; None for all.
+        multiverse: the part of the file of settings with the design.
+    """
+
+    multiverse: Any
+    what: Annotated[str, Argument("run or plan")] = "run"
+    universes: Annotated[str | None, Flag("universes whose name matches, such as 'random-*'")] = (
+        None
+    )
+
+
+def run(options: Options) -> int:
+    """Run the universes and write the results, or print the plan."""
+    if options.what not in ACTIONS:
+        raise BadInput(f"multiverse: got '{options.what}'; {nearest(options.what, ACTIONS)}")
+    design = design_from(options.multiverse)
+    check_defaults(options.config, design)
+    every = universes_of(design)
+    selected = select(every, options.universes)
+    configs = {
+        universe.name: config_of_universe(options.config, design, universe) for universe in every
+    }
+    if options.what == "plan":
+        return _print_plan(options, design, selected, configs)
+    check_writable(options.out)
+    return _run(options, design, every, selected, configs)
+
+
+def select(every: Sequence[Universe], pattern: str | None) -> list[Universe]:
+    """The universes whose name matches a pattern.
+
+    Raises:
+        BadInput: none matches.
+    """
+    if pattern is None:
+        return list(every)
+    chosen = [universe for universe in every if fnmatchcase(universe.name, pattern)]
+    if not chosen:
+        names = [universe.name for universe in every]
+        raise BadInput(f"--universes: none matches '{pattern}'; {nearest(pattern, names)}")
+    return chosen
+
+
+def _run(
+    options: Options,
+    design: Design,
+    every: Sequence[Universe],
+    selected: Sequence[Universe],
+    configs: dict[str, Config],
+) -> int:
+    from study.results import multiverse as results
+
+    out, engine, terminal = options.out, options.config.engine, console()
+    tasks = _evaluations(configs, options.only)
+    chosen = {universe.name: tasks[universe.name] for universe in selected}
+    create(out)
+    store = Store(out / "work")
+    with locked(out):
+        say(terminal, f"{len(selected)} universes of {len(every)} in the design")
+        errors = run_missing(tasks_of(chosen), engine, store, terminal)
+        collected = results.collect(options.config, design, every, tasks, store)
+        problem, written = None, True
+        try:
+            written = results.publish(collected, out)
+        except StudyError as error:  # all other files are written
+            problem = error
+    for task, message in errors.items():
+        say(terminal, f"FAILED {task.name}: {message}  log: {store.log(task)}")
+    if problem is not None:
+        say(terminal, f"FAILED {problem}")
+    say(terminal, f"{len(collected.run)} of {len(every)} universes have scores")
+    for name in ("README.md", "choices.md", "figures", str(results.RECORDING)):
+        say(terminal, f"{out / name}{'' if written else '  (up to date)'}")
+    return 1 if errors or problem else 0
+
+
+def _evaluations(configs: dict[str, Config], only: str | None) -> Variants:
+    from study.workflow.pipeline import Pipeline
+
+    return last_tasks(configs, only, Pipeline.evaluate, references=True)
+
+
+def _print_plan(
+    options: Options, design: Design, selected: Sequence[Universe], configs: dict[str, Config]
+) -> int:
+    """Print the choices, a line for each universe, and the stages with an estimate of the time."""
+    terminal, store = console(), Store(options.out / "work")
+    variants = _evaluations({u.name: configs[u.name] for u in selected}, options.only)
+    for choice in design.choices:
+        counts = Counter(universe.values[choice.name] for universe in selected)
+        listed = ", ".join(f"{value} ({counts[value]})" for value in choice.values)
+        say(terminal, f"{choice.name:16} {listed}")
+    tasks = tasks_of(variants)
+    due = [task for task in tasks if store.reason_to_run(task) is not None]
+    waiting, planned = set(due), set[Task]()
+    for universe in selected:
+        needed = tasks_of({universe.name: variants[universe.name]})
+        missing = waiting.intersection(needed)
+        new = missing - planned
+        planned |= new
+        state = f"{len(new)} of {len(needed)} stages to run" if missing else "up to date"
+        shared = f", {len(missing - new)} shared with universes above" * (missing != new)
+        say(terminal, f"{universe.name:36} {state}{shared}")
+    say(terminal, _total(tasks, due, options.config, store))
+    return 0
+
+
+def _total(tasks: list[Task], due: list[Task], config: Config, store: Store) -> str:
+    """The number of stages to run, and an estimate of the time that they take."""
+    line = f"{len(due)} of {len(tasks)} stages to run"
+    if not due:
+        return line
+    counts, parallel = Counter(task.stage for task in due), workers(config.engine)
+    waiting = set(due)
+    seconds = estimate(due, (task for task in tasks if task not in waiting), store) / parallel
+    by_stage = ", ".join(f"{counts[stage]} {stage}" for stage in STAGES if counts[stage])
+    return f"{line} ({by_stage}): about {in_words(seconds)}, {parallel} at a time"
+
+
+COMMAND = Command(
+    "multiverse",
+    "judge the claims in many readings of the paper, and find which choice decides them",
+    Options,
+    run,
+    DETAILS,
+    config=str(CONFIGS / "multiverse.yaml"),
+    part=PART,
+)

@@ -1,0 +1,129 @@
+"""The files of a multiverse: ``multiverse.json``, ``effects.parquet`` and ``cells.parquet``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from study.common.errors import BadInput, StudyError
+from study.common.files import read_json, replacing, write_json
+from study.multiverse.design import Choice, Design, Exclusion, Universe
+
+FORMAT = 1
+FACTS, EFFECTS, CELLS = "multiverse.json", "effects.parquet", "cells.parquet"
+AGAIN = "run `python -m study.run multiverse` first, or name another folder"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A stage that failed, with a cell that has no scores for this reason."""
+
+    universe: str
+    cell: str
+    stage: str
+    error: str
+
+
+@dataclass(frozen=True)
+class Multiverse:
+    """All results of a multiverse.
+
+    Attributes:
+        design: the choices.
+        universes: all universes of the design, run or not.
+        effects: the effects of the claims, see `study.multiverse.effects`.
+        cells: a row for each cell of each universe, with its mean scores, β and KL divergence.
+        failures: the cells without scores because a stage failed.
+        facts: settings that all universes share, and versions.
+    """
+
+    design: Design
+    universes: Sequence[Universe]
+    effects: pd.DataFrame
+    cells: pd.DataFrame
+    failures: Sequence[Failure]
+    facts: Mapping[str, Any]
+
+    @property
+    def run(self) -> list[str]:
+        """The names of the universes that have scores."""
+        present = set(self.cells["universe"])
+        return [universe.name for universe in self.universes if universe.name in present]
+
+    @property
+    def values(self) -> dict[str, Mapping[str, str]]:
+        """The values of every universe."""
+        return {universe.name: universe.values for universe in self.universes}
+
+
+def write(multiverse: Multiverse, out: Path) -> list[Path]:
+    """Write the three files.
+
+    Returns:
+        their paths.
+    """
+    design = multiverse.design
+    facts = {
+        "format": FORMAT,
+        # Lists, since the order of choices and of their values counts.
+        "choices": [
+            {
+                "name": choice.name,
+                "question": choice.question,
+                "values": [{"name": n, "settings": s} for n, s in choice.values.items()],
+            }
+            for choice in design.choices
+        ],
+        "bases": design.bases,
+        "exclusions": [asdict(rule) for rule in design.exclusions],
+        "random": design.random,
+        "seed": design.seed,
+        "universes": [asdict(universe) for universe in multiverse.universes],
+        "failures": [asdict(failure) for failure in multiverse.failures],
+        **multiverse.facts,
+    }
+    write_json(out / FACTS, facts)
+    for name, table in ((EFFECTS, multiverse.effects), (CELLS, multiverse.cells)):
+        with replacing(out / name) as temporary:
+            table.to_parquet(temporary, index=False)
+    return [out / FACTS, out / EFFECTS, out / CELLS]
+
+
+def read(folder: Path) -> Multiverse:
+    """Read the three files.
+
+    Raises:
+        BadInput: the folder has no multiverse, or one of another version.
+        StudyError: a file is damaged.
+    """
+    if not (folder / FACTS).is_file():
+        raise BadInput(f"there is no multiverse in {folder}: {AGAIN}")
+    try:
+        facts = read_json(folder / FACTS)
+        version = facts.pop("format")
+        if version != FORMAT:
+            raise BadInput(f"{folder / FACTS} has the format {version}, not {FORMAT}: {AGAIN}")
+        choices = tuple(
+            Choice(
+                entry["name"],
+                entry["question"],
+                {value["name"]: value["settings"] for value in entry["values"]},
+            )
+            for entry in facts.pop("choices")
+        )
+        design = Design(
+            choices,
+            facts.pop("bases"),
+            tuple(Exclusion(**rule) for rule in facts.pop("exclusions")),
+            facts.pop("random"),
+            facts.pop("seed"),
+        )
+        universes = [Universe(**entry) for entry in facts.pop("universes")]
+        failures = [Failure(**entry) for entry in facts.pop("failures")]
+        effects, cells = (pd.read_parquet(folder / name) for name in (EFFECTS, CELLS))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise StudyError(f"the multiverse in {folder} is damaged ({reason}): {AGAIN}") from None
+    return Multiverse(design, universes, effects, cells, failures, facts)

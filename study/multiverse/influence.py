@@ -1,0 +1,147 @@
+"""Which choice moves an effect most: a linear regression of the effect on the choices.
+
+The effect in universe u is modelled as a constant plus one term for each value that differs from
+the first value of its choice (treatment coding), without interactions. A term is the mean change of
+the effect when the choice takes that value and all others stay. Intervals are t intervals with the
+HC3 covariance (MacKinnon and White 1985; Long and Ervin 2000), which allows the scatter around the
+model to differ between universes. The scatter has two sources: interactions of choices, and the
+variation of training.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from study.common.arrays import Doubles
+from study.metrics.intervals import PROBABILITY
+from study.multiverse.design import Choice, Values
+
+FULL_LEVERAGE = 1 - 1e-9
+"""Leverage of a universe that alone determines a term. Its scatter is unknown."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """The mean change of an effect by one value of a choice, relative to its first value.
+
+    Attributes:
+        choice: name of the choice.
+        value: the value.
+        change: of the effect.
+        low: lower end of the 95 % interval; infinite where it is undefined.
+        high: upper end.
+        universes: number of universes with the value.
+    """
+
+    choice: str
+    value: str
+    change: float
+    low: float
+    high: float
+    universes: int
+
+
+@dataclass(frozen=True)
+class Influence:
+    """The regression of one effect on the choices.
+
+    Attributes:
+        terms: in the order of the choices.
+        shares: share of the variance of the effect between universes that is lost if a choice is
+            left out of the regression (semipartial R²), by choice.
+        explained: share of that variance that all choices explain (R²).
+        universes: number of universes.
+    """
+
+    terms: tuple[Term, ...]
+    shares: Mapping[str, float]
+    explained: float
+    universes: int
+
+    @property
+    def strongest(self) -> str | None:
+        """The choice with the largest share; None if no choice has any."""
+        best = max(self.shares, key=self.shares.__getitem__, default=None)
+        return best if best is not None and self.shares[best] > 0 else None
+
+
+def influence(
+    effects: "pd.Series[float]", values: Mapping[str, Values], choices: Sequence[Choice]
+) -> Influence | None:
+    """Regress an effect on the choices.
+
+    Args:
+        effects: the effect by the name of the universe. Effects that are not finite are left out.
+        values: the values of each universe.
+        choices: of the design. Those that do not vary between the universes are left out.
+
+    Returns:
+        None if there are too few universes to tell the choices apart.
+    """
+    finite = effects[np.isfinite(effects)]
+    readings = [values[str(name)] for name in finite.index]
+    columns = _columns(readings, choices)
+    design = np.column_stack([np.ones(len(finite)), *columns.values()])
+    count, terms = design.shape
+    if count <= terms or np.linalg.matrix_rank(design) < terms:
+        return None
+    outcome: Doubles = np.asarray(finite.to_numpy(), np.float64)
+    change, half = fit(design, outcome)
+    total = float(((outcome - outcome.mean()) ** 2).sum())
+    whole = _residual(design, outcome)
+    shares = {}
+    for choice in dict.fromkeys(choice for choice, _ in columns):
+        others = [column for (name, _), column in columns.items() if name != choice]
+        without = _residual(np.column_stack([np.ones(count), *others]), outcome)
+        shares[choice] = (without - whole) / total if total else 0.0
+    found = [
+        Term(choice, value, c, c - h, c + h, int(column.sum()))
+        for ((choice, value), column), c, h in zip(
+            columns.items(), map(float, change[1:]), map(float, half[1:]), strict=True
+        )
+    ]
+    return Influence(tuple(found), shares, 1 - whole / total if total else 0.0, count)
+
+
+def fit(design: Doubles, outcome: Doubles) -> tuple[Doubles, Doubles]:
+    """Least squares with HC3 intervals.
+
+    Args:
+        design: [n, p] of full rank, with n > p.
+        outcome: [n].
+
+    Returns:
+        coefficients [p], and half the widths of their intervals [p].
+    """
+    count, terms = design.shape
+    inverse = np.linalg.pinv(design)
+    coefficients = inverse @ outcome
+    leverage = np.einsum("ij,ji->i", design, inverse)
+    alone = leverage > FULL_LEVERAGE
+    scatter = (outcome - design @ coefficients) / np.where(alone, 1.0, 1 - leverage)
+    variance = (inverse**2 @ np.where(alone, 0.0, scatter) ** 2).astype(np.float64)
+    unknown = (np.abs(inverse[:, alone]) > 1e-9).any(axis=1)
+    quantile = stats.t.ppf((1 + PROBABILITY) / 2, count - terms)
+    return coefficients, np.where(unknown, np.inf, quantile * np.sqrt(variance))
+
+
+def _columns(
+    readings: Sequence[Values], choices: Sequence[Choice]
+) -> dict[tuple[str, str], Doubles]:
+    """An indicator [n] for each value of a choice that occurs, but for the first that does."""
+    columns = {}
+    for choice in choices:
+        chosen = np.array([reading[choice.name] for reading in readings], dtype=object)
+        present = [value for value in choice.values if (chosen == value).any()]
+        for value in present[1:]:
+            columns[choice.name, value] = (chosen == value).astype(np.float64)
+    return columns
+
+
+def _residual(design: Doubles, outcome: Doubles) -> float:
+    """The sum of squared residuals of least squares."""
+    coefficients, *_ = np.linalg.lstsq(design, outcome, rcond=None)
+    return float(((outcome - design @ coefficients) ** 2).sum())

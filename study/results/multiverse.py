@@ -1,0 +1,206 @@
+"""Collect a multiverse from the folders of its stages, and write its results folder."""
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from study.common.errors import StudyError
+from study.common.files import (
+    digest,
+    read_checksums,
+    read_json,
+    sha256,
+    write_checksums,
+    write_json,
+    write_text,
+)
+from study.common.plugins import reason
+from study.common.provenance import versions
+from study.config.grid import Cell
+from study.config.settings import Config
+from study.multiverse import folder, report
+from study.multiverse.design import Design, Universe
+from study.multiverse.effects import effects_of, join
+from study.multiverse.folder import Failure, Multiverse
+from study.results import checksums
+from study.results.folder import settings_of
+from study.results.summary import SCORES
+from study.workflow.source import source_digests
+from study.workflow.store import Store
+from study.workflow.task import Task
+
+METRICS = ("mmd2", "brier", "energy_score")
+"""The mean scores of each cell in ``cells.parquet``."""
+DIAGNOSTICS = ("beta", "kl")
+"""The numbers of each fit in ``cells.parquet``; NaN where a model has none."""
+COLUMNS = ("universe", "environment", "level", "model", "seed", *METRICS, *DIAGNOSTICS)
+
+RECORDING = Path("recordings") / "multiverse.rrd"
+STATE = Path("work") / "published.json"
+"""Holds a digest of all that the results folder was written from."""
+FILES = ("[!.]*.json", "*.md", "*.parquet", "figures/*", "recordings/*")
+"""The files with checksums."""
+
+Tasks = Mapping[str, Mapping[Cell, Task]]
+"""The task `evaluate` of every cell, by universe."""
+
+
+def collect(
+    config: Config, design: Design, universes: Sequence[Universe], tasks: Tasks, store: Store
+) -> Multiverse:
+    """The effects and scores of all universes, as far as their stages have run.
+
+    A universe with cells that failed has the effects of the claims that need none of them. A
+    universe of which no stage has failed and some have not run has no effects.
+
+    Args:
+        config: the settings that all universes share.
+        design: the choices.
+        universes: of the design.
+        tasks: of the universes.
+        store: the folders of the tasks.
+    """
+    scores = _Scores(store)
+    effects, rows, failures = [], [], []
+    for universe in universes:
+        by_cell = tasks[universe.name]
+        complete = {cell: task for cell, task in by_cell.items() if scores.has(task)}
+        others = {cell: task for cell, task in by_cell.items() if cell not in complete}
+        failed = list(_failures(universe.name, others, store))
+        failures += failed
+        if len(complete) + len(failed) < len(by_cell) or not complete:
+            continue
+        table = pd.concat([scores.read(cell, task) for cell, task in complete.items()])
+        effects.append(effects_of(universe.name, table))
+        rows += [_row(universe.name, cell, task, scores, store) for cell, task in complete.items()]
+    cells = pd.DataFrame(rows, columns=list(COLUMNS))
+    cells = cells.astype(dict.fromkeys((*METRICS, *DIAGNOSTICS), "float64"))
+    facts = {"settings": settings_of(config), "versions": versions()}
+    return Multiverse(design, universes, join(effects), cells, failures, facts)
+
+
+def publish(multiverse: Multiverse, out: Path) -> bool:
+    """Write the results folder: the tables, the pages, the figures, the recording and checksums.
+
+    Returns:
+        whether anything was written; not if the folder has the same results already.
+
+    Raises:
+        StudyError: a figure or the recording could not be written. All other files are.
+    """
+    folder.write(multiverse, out)
+    tables = {name: sha256(out / name) for name in (folder.FACTS, folder.EFFECTS, folder.CELLS)}
+    source = dict(source_digests((__name__,)))
+    inputs = digest([tables, source])
+    if _is_current(inputs, out):
+        return False
+    (out / checksums.NAME).unlink(missing_ok=True)
+    for name, text in report.pages(multiverse).items():
+        write_text(out / name, text)
+    shutil.rmtree(out / "figures", ignore_errors=True)
+    problems = []
+    for step in (_plot, _record):
+        try:
+            step(multiverse, out)
+        except OSError:
+            raise
+        except Exception as error:
+            problems.append(str(error) if isinstance(error, StudyError) else reason(error))
+    if problems:
+        raise StudyError("; ".join(problems))
+    files = sorted(path for pattern in FILES for path in out.glob(pattern))
+    write_checksums(
+        out / checksums.NAME, {str(path.relative_to(out)): sha256(path) for path in files}
+    )
+    write_json(out / STATE, {"inputs": inputs})
+    return True
+
+
+def _is_current(inputs: str, out: Path) -> bool:
+    """Whether the folder was written from the same inputs, and no file has changed since."""
+    try:
+        if read_json(out / STATE)["inputs"] != inputs:
+            return False
+        expected = read_checksums(out / checksums.NAME)
+        return all(sha256(out / name) == value for name, value in expected.items())
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _plot(_: Multiverse, out: Path) -> None:
+    from paper_figs import specification_curve
+
+    specification_curve.plot(out)
+
+
+def _record(multiverse: Multiverse, out: Path) -> None:
+    from study.recording.multiverse import record_multiverse
+
+    properties = {"study": str(multiverse.facts["settings"]["name"])}
+    record_multiverse(out / RECORDING, multiverse, properties)
+
+
+class _Scores:
+    """The scores of cells that claims need. Universes share cells, so they are cached."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._cache: dict[Task, tuple[pd.DataFrame, dict[str, float]]] = {}
+        self._complete: dict[Task, bool] = {}
+
+    def has(self, task: Task) -> bool:
+        """Whether the scores of a task `evaluate` are complete."""
+        if task not in self._complete:
+            self._complete[task] = self._store.reason_to_run(task) is None
+        return self._complete[task]
+
+    def read(self, cell: Cell, task: Task) -> pd.DataFrame:
+        """The scores of a cell that `study.claims.judge` reads."""
+        return self._read(task)[0].assign(**asdict(cell))
+
+    def means(self, task: Task) -> dict[str, float]:
+        """The mean scores `METRICS`."""
+        return self._read(task)[1]
+
+    def _read(self, task: Task) -> tuple[pd.DataFrame, dict[str, float]]:
+        if task not in self._cache:
+            table = pd.read_parquet(self._store.folder(task) / SCORES)
+            of_scenarios = (table["step"] == -1) & (table["scenario"] >= 0)
+            ratios = (table["metric"] == "aleatoric_ratio") & (table["dimension"] != "all")
+            overall = table[(table["step"] == -1) & (table["scenario"] == -1)]
+            overall = overall[overall["dimension"] == "all"]
+            by_metric = dict(zip(overall["metric"], overall["value"], strict=True))
+            means = {name: float(by_metric[name]) for name in METRICS if name in by_metric}
+            self._cache[task] = table[of_scenarios | ratios], means
+        return self._cache[task]
+
+
+def _row(universe: str, cell: Cell, task: Task, scores: _Scores, store: Store) -> dict[str, Any]:
+    """The row of one cell in ``cells.parquet``."""
+    row: dict[str, Any] = {"universe": universe, **asdict(cell), **scores.means(task)}
+    if "trained" in task.inputs:
+        fit = read_json(store.folder(task.inputs["trained"]) / "fit.json")
+        row |= {name: fit.get(name) for name in DIAGNOSTICS}
+    return row
+
+
+def _failures(universe: str, by_cell: Mapping[Cell, Task], store: Store) -> Iterator[Failure]:
+    """The cells, of those without scores, that have none because a stage failed."""
+    for cell, task in by_cell.items():
+        if cause := _failed_stage(task, store):
+            error = store.failure(cause).read_text(encoding="utf-8").strip()
+            yield Failure(universe, cell.name, cause.name, error)
+
+
+def _failed_stage(task: Task, store: Store) -> Task | None:
+    """The first failed stage that a task needs, or the task itself; None if none failed."""
+    if store.reason_to_run(task) is None:
+        return None
+    causes = (_failed_stage(source, store) for source in task.inputs.values())
+    first = next((cause for cause in causes if cause is not None), None)
+    # The file of a task that was not run says so; the file of its input has the error.
+    return first or (task if store.failure(task).exists() else None)

@@ -1,0 +1,58 @@
+"""The files of a multiverse are read as they were written, or refused in one line."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from study.common.errors import BadInput, StudyError
+from study.multiverse.folder import CELLS, EFFECTS, FACTS, read, write
+from tests.helpers.multiverse import multiverse
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    write(multiverse(), tmp_path)
+    return tmp_path
+
+
+def test_what_was_written_is_read(written: Path) -> None:
+    expected, found = multiverse(), read(written)
+    assert found.design == expected.design
+    assert [list(choice.values) for choice in found.design.choices] == [
+        list(choice.values) for choice in expected.design.choices
+    ]
+    assert list(found.universes) == list(expected.universes)
+    assert list(found.failures) == list(expected.failures)
+    assert found.facts == expected.facts
+    assert found.run == expected.run
+    pd.testing.assert_frame_equal(found.effects, expected.effects)
+    pd.testing.assert_frame_equal(found.cells, expected.cells)
+
+
+def test_the_same_results_give_the_same_bytes(written: Path, tmp_path: Path) -> None:
+    names = (FACTS, EFFECTS, CELLS)
+    before = [(written / name).read_bytes() for name in names]
+    write(read(written), tmp_path / "copy")
+    assert [(tmp_path / "copy" / name).read_bytes() for name in names] == before
+
+
+def test_a_folder_without_a_multiverse(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"there is no multiverse in .*: run `python -m study.run"):
+        read(tmp_path)
+
+
+def test_another_format(written: Path) -> None:
+    facts = json.loads((written / FACTS).read_text()) | {"format": 99}
+    (written / FACTS).write_text(json.dumps(facts))
+    with pytest.raises(BadInput, match="has the format 99"):
+        read(written)
+
+
+@pytest.mark.parametrize("name", [FACTS, EFFECTS, CELLS])
+def test_a_damaged_file(written: Path, name: str) -> None:
+    path = written / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(StudyError, match="is damaged"):
+        read(written)

@@ -1,0 +1,80 @@
+"""The pages: the numbers of the tables, and every failure."""
+
+from dataclasses import replace
+
+import pytest
+
+from study.claims.judge import CLAIMS
+from study.multiverse.effects import curve, join
+from study.multiverse.report import influence_on, pages
+from tests.helpers.multiverse import multiverse
+
+BIG = {"random": 24}
+
+
+def rows_of(page: str, start: str) -> list[list[str]]:
+    """The cells of the rows of a page that begin with some text."""
+    lines = [line for line in page.splitlines() if line.startswith(start)]
+    return [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines]
+
+
+def test_the_row_of_a_claim() -> None:
+    results = multiverse(**BIG)
+    claim = CLAIMS[0]
+    ((_, reproduced, _, not_reproduced, _, effect, decides),) = rows_of(
+        pages(results)["README.md"], f"| [{claim.text}]"
+    )
+    rows = curve(results.effects, claim.id)
+    assert reproduced == f"{(rows['verdict'] == 'reproduced').mean():.0%}"
+    assert not_reproduced == f"{(rows['verdict'] == 'not reproduced').mean():.0%}"
+    assert effect.startswith(f"{rows['effect'].median():+.4f} ({rows['effect'].min():+.4f} to ")
+    assert decides.startswith("forecast (")
+
+
+def test_the_table_of_what_a_value_changes() -> None:
+    results = multiverse(**BIG)
+    page = pages(results)["choices.md"].split("\n## ")[1]
+    found = influence_on(results, CLAIMS[0].id)
+    assert found is not None
+    term = next(term for term in found.terms if (term.choice, term.value) == ("target", "state"))
+    ((_, value, universes, change, share, study, as_written),) = rows_of(page, "| target")
+    assert value == "state"
+    assert universes == str(term.universes)
+    assert change == f"**{term.change:+.4f} [{term.low:+.4f}, {term.high:+.4f}]**"
+    assert share == f"{found.shares['target']:.0%}"
+    effects = curve(results.effects, CLAIMS[0].id).set_index("universe")["effect"]
+    assert study == f"{effects['study/target=state'] - effects['study']:+.4f}"
+    # The base reading has the value, and the universe that is changed has the first value.
+    assert as_written == f"{effects['as_written'] - effects['as_written/target=change']:+.4f}"
+
+
+def test_a_change_that_is_excluded_has_a_dash() -> None:
+    page = pages(multiverse(**BIG))["choices.md"].split("\n## ")[1]
+    assert rows_of(page, "| forecast")[0][-2] == "–"
+
+
+def test_every_universe_and_every_failure_has_a_row() -> None:
+    results = multiverse(**BIG)
+    page, failures = pages(results)["README.md"].split("## Failures")
+    for universe in results.universes:
+        assert len(rows_of(page, f"| `{universe.name}` |")) == 1
+    (failure,) = results.failures
+    assert rows_of(failures, f"| `{failure.universe}`")[0][2] == failure.stage
+    assert "it \\| broke" in failures
+    assert f"{len(results.universes) - 1} of {len(results.universes)} universes" in page
+
+
+def test_without_scores_the_pages_say_so() -> None:
+    results = multiverse(**BIG)
+    empty = replace(results, effects=join([]), cells=results.cells.iloc[:0], failures=[])
+    page = pages(empty)["README.md"]
+    assert "No universe has scores for a claim." in page
+    assert "No stage failed." in page
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_universes_for_a_regression(count: int) -> None:
+    results = multiverse(random=0)
+    names = results.run[: count + 1]
+    few = replace(results, effects=results.effects[results.effects["universe"].isin(names)])
+    assert "Too few universes" in pages(few)["choices.md"]

@@ -1,0 +1,88 @@
+"""Specification curves: their files, the colours of the verdicts, and the order of universes."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from paper_figs import specification_curve
+from study.claims.judge import CLAIMS
+from study.multiverse.effects import curve
+from study.multiverse.folder import EFFECTS, read, write
+from study.plotting import style
+from study.plotting.png import WIDTH
+from tests.helpers.multiverse import multiverse
+from tests.paper_figs.pictures import pixels_of, size_of
+
+FIRST = CLAIMS[0]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("multiverse")
+    results = multiverse(random=24)
+    few = results.effects["claim"].isin([FIRST.id, CLAIMS[1].id])
+    write(results, folder)
+    results.effects[few].to_parquet(folder / EFFECTS)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def figures(folder: Path) -> list[Path]:
+    return specification_curve.plot(folder)
+
+
+def test_a_figure_for_each_claim_with_effects_and_one_of_all(figures: list[Path]) -> None:
+    stems = [f"specification_{claim.id}" for claim in CLAIMS[:2]] + ["verdicts"]
+    assert [path.name for path in figures] == [f"{s}.{e}" for s in stems for e in ("png", "pdf")]
+    assert size_of(figures[0])[0] == pytest.approx(300 * WIDTH, abs=2)
+
+
+def test_the_colours_of_the_verdicts_that_occur(folder: Path, figures: list[Path]) -> None:
+    present = set(curve(read(folder).effects, FIRST.id)["verdict"])
+    assert {"reproduced", "not reproduced"} <= present
+    for verdict in present:
+        assert pixels_of(figures[0], specification_curve.COLOURS[verdict]) > 300
+        assert pixels_of(figures[-2], specification_curve.COLOURS[verdict]) > 2000
+
+
+def test_dots_ascend_and_stand_above_their_values(folder: Path) -> None:
+    results = read(folder)
+    rows = curve(results.effects, FIRST.id)
+    with mpl.rc_context(style.context()):
+        above, below = specification_curve._specification(results, FIRST).axes
+    dots = np.concatenate(
+        [
+            np.column_stack(line.get_data())
+            for line in above.lines
+            if line.get_marker() == "o" and line.get_color() != specification_curve.OTHER
+        ]
+    )
+    (grey,) = [line for line in above.lines if line.get_color() == specification_curve.OTHER]
+    np.testing.assert_allclose(np.sort(grey.get_ydata()), np.sort(rows["effect"]) + 1)
+    ordered = dots[np.argsort(dots[:, 0])]
+    np.testing.assert_array_equal(ordered[:, 0], np.arange(len(rows)))
+    np.testing.assert_array_equal(ordered[:, 1], rows["effect"])
+    ticks = dict(
+        zip([t.get_text() for t in below.get_yticklabels()], below.get_yticks(), strict=True)
+    )
+    coloured = [line for line in below.lines if line.get_color() != specification_curve.EMPTY]
+    dots = np.concatenate(
+        [np.column_stack(line.get_data()) for line in coloured if line.get_marker() == "o"]
+    )
+    with_mean = set(dots[dots[:, 1] == ticks["mean"], 0].astype(int))
+    expected = [results.values[name]["forecast"] == "mean" for name in rows["universe"]]
+    assert with_mean == set(np.flatnonzero(expected))
+
+
+def test_infinite_intervals_and_effects_are_drawn(folder: Path, tmp_path: Path) -> None:
+    results = read(folder)
+    results.effects.loc[results.effects["decisive"], "high"] = np.inf
+    results.effects.loc[results.effects.index[0], "effect"] = np.inf
+    write(results, tmp_path)
+    assert len(specification_curve.plot(tmp_path)) == 6
+
+
+def test_the_folder_of_a_study_gets_no_figure(results: Path) -> None:
+    assert specification_curve.plot(results) == []
