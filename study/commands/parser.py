@@ -12,6 +12,7 @@ from study.commands import (
     figures,
     forecast,
     join,
+    page,
     plan,
     portrait,
     run_all,
@@ -36,6 +37,7 @@ MODULES = (
     forecast,
     verify,
     join,
+    page,
     ablate,
 )
 COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}
