@@ -16,6 +16,7 @@ from study.commands import (
     plan,
     portrait,
     run_all,
+    serve,
     status,
     verify,
     view,
@@ -30,6 +31,8 @@ MODULES = (
     plan,
     status,
     figures,
+    page,
+    serve,
     view,
     compare,
     portrait,
@@ -37,7 +40,6 @@ MODULES = (
     forecast,
     verify,
     join,
-    page,
     ablate,
 )
 COMMANDS: Mapping[str, Command[Any]] = {module.COMMAND.name: module.COMMAND for module in MODULES}

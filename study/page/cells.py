@@ -1,14 +1,15 @@
 """The tables of cells: models side by side with their cost, every cell, fits, and trials."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
 
 import pandas as pd
 
 from paper_figs.formatting import title
-from paper_figs.score_tables import MEASURES, VARIANCE_RATIOS, rows
+from paper_figs.score_tables import MEASURES, VARIANCE_RATIOS, Entry, Measure, rows
 from paper_figs.scores import environments, in_order, levels, models
-from study.config.names import BEYOND, MODELS, label
+from study.config.names import BEYOND, ENSEMBLE, MODELS, label
 from study.metrics.intervals import Interval
 from study.page.evidence import Evidence
 from study.page.score_views import source
@@ -29,59 +30,65 @@ def side_by_side(evidence: Evidence) -> Iterable[Table]:
     for environment in environments(scores):
         part = scores[scores["environment"] == environment]
         by_level = {level: rows(part, environment, level) for level in levels(part)}
-        measures = [
-            (level, measure)
-            for measure in MEASURES
-            for level, table in by_level.items()
-            if measure.metric in COMPARED and measure.metric in table
-        ]
-        columns = [title(f"{measure.name}, {label(level)}") for level, measure in measures]
-        table = []
-        for model in models(part):
-            entries = [text(title(model))]
-            for level, measure in measures:
-                entry = by_level[level][measure.metric].get(model)
-                trace = source(environment, level, model, measure.metric)
-                digits = measure.digits
-                entries.append(
-                    estimate(entry, trace, digits)
-                    if isinstance(entry, Interval)
-                    else figure(entry, trace, digits)
-                )
-            table.append([*entries, *_cost(evidence, environment, model)])
+        present = {metric for table in by_level.values() for metric in table}
+        measures = [m for m in MEASURES if m.metric in COMPARED and m.metric in present]
         yield Table(
             id=f"models-{environment}",
             caption=f"Models side by side, {label(environment)}",
-            heads=["model", *columns, "CPU s a fit", "peak memory, MB"],
-            rows=table,
+            heads=[
+                "model", "level", *(measure.name for measure in measures), "CPU s", "memory, MB",
+            ],
+            rows=[
+                _compared(evidence, by_level[level], measures, environment, level, model)
+                for model in models(part)
+                for level in levels(part)
+            ],
             tools=True,
             notes=[
-                "CPU seconds of a fit with its search for β, without those of the ensemble; the "
-                "mean over levels and seeds."
+                "CPU seconds: of a fit and its search for β, the mean over seeds, without the "
+                "ensemble. Memory: the peak of these stages."
             ],
-        )
+        )  # fmt: skip
 
 
-def _cost(evidence: Evidence, environment: str, model: str) -> list[Value]:
+def _compared(
+    evidence: Evidence,
+    table: Mapping[str, Mapping[str, Entry]],
+    measures: Sequence[Measure],
+    environment: str,
+    level: str,
+    model: str,
+) -> list[Value]:
+    """The row of a model at a level."""
+    entries = [
+        _entry(table.get(measure.metric, {}).get(model), measure, environment, level, model)
+        for measure in measures
+    ]
+    cost = _cost(evidence, environment, level, model)
+    return [text(title(model)), text(label(level)), *entries, *cost]
+
+
+def _entry(entry: Entry, measure: Measure, environment: str, level: str, model: str) -> Value:
+    trace = source(environment, level, model, measure.metric)
+    if isinstance(entry, Interval):
+        return estimate(entry, trace, measure.digits)
+    return figure(entry, trace, measure.digits)
+
+
+def _cost(evidence: Evidence, environment: str, level: str, model: str) -> list[Value]:
     """CPU seconds and peak memory of a fit with its search."""
-    stages = ("ensemble",) if model == "ensemble" else ("tune", "train")
-    seconds: list[float] = []
+    stages = ("ensemble",) if model == ENSEMBLE else ("tune", "train")
+    path = [environment, level] if model == ENSEMBLE else [environment, level, model]
+    seconds: dict[str, list[float]] = {}
     memory = []
-    for stage in stages:
-        costs = []
-        for name, cost in evidence.costs.items():
-            kind, _, cell = name.partition(" ")
-            parts = cell.split("/")
-            is_model = stage == "ensemble" or model in parts
-            if kind == stage and parts[0] == environment and is_model:
-                costs.append(cost.get("cpu_seconds"))
-                memory.append(cost.get("peak_memory", 0.0))
-        measured = [cost for cost in costs if cost is not None]
-        if measured:
-            seconds.append(fmean(measured))
-    trace = f"timings.json: {', '.join(stages)} of {environment}, {model}"
+    for name, cost in evidence.costs.items():
+        stage, _, cell = name.partition(" ")
+        if stage in stages and cell.split("/")[:-1] == path:
+            seconds.setdefault(stage, []).append(cost.get("cpu_seconds", math.nan))
+            memory.append(cost.get("peak_memory", math.nan))
+    trace = f"{'/'.join(path)}\ntimings.json: {' and '.join(stages)}"
     return [
-        figure(sum(seconds) if seconds else None, trace, 0),
+        figure(sum(map(fmean, seconds.values())) if seconds else None, trace, 0),
         figure(max(memory) / MEGABYTE if memory else None, trace, 0),
     ]
 
@@ -98,10 +105,6 @@ def cells(evidence: Evidence) -> Table:
         table.append(
             [
                 text(name),
-                text(label(environment)),
-                text(label(level)),
-                text(label(model)),
-                text(seed.removeprefix("seed-"), order=_seed(seed)),
                 Value("failed" if name in evidence.failed else "complete"),
                 *(
                     _score(evidence, metric, environment, level, model, seed)
@@ -115,8 +118,7 @@ def cells(evidence: Evidence) -> Table:
         id="cells",
         caption="Cells: one for each environment, level, model and seed",
         heads=[
-            "cell", "environment", "level", "model", "seed", "status", "MMD²", "plain Brier score",
-            "β", "recordings",
+            "cell", "status", "MMD²", "plain Brier score", "β", "recordings",
         ],
         rows=table,
         tools=True,
@@ -160,9 +162,7 @@ def _score(
     return figure(float(values.mean()) if len(values) else None, trace, 4)
 
 
-def _beta(
-    evidence: Evidence, environment: str, level: str, model: str, seed: str
-) -> float | None:
+def _beta(evidence: Evidence, environment: str, level: str, model: str, seed: str) -> float | None:
     if evidence.fits is None:
         return None
     fits = evidence.fits

@@ -64,8 +64,8 @@ class Evidence:
         return [str(name) for name in failed] if isinstance(failed, list) else []
 
 
-def read(out: Path) -> Evidence:
-    """Read a results folder.
+def check_folder(out: Path) -> None:
+    """Check that a folder has results.
 
     Raises:
         BadInput: there is no such folder, or it has neither a study nor ablations.
@@ -74,6 +74,15 @@ def read(out: Path) -> Evidence:
         raise BadInput(f"there is no folder {out}: give the results folder of a study")
     if not any((out / name).is_file() for name in (STUDY, SCORES, ABLATIONS)):
         raise BadInput(f"{out} has no results: run the study first: python -m study.run all")
+
+
+def read(out: Path) -> Evidence:
+    """Read a results folder.
+
+    Raises:
+        BadInput: there is no such folder, or it has neither a study nor ablations.
+    """
+    check_folder(out)
     problems: list[str] = []
     is_study = any((out / name).is_file() for name in (STUDY, SCORES))
     reader = _Reader(out, problems if is_study else [])

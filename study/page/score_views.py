@@ -22,9 +22,7 @@ def brier(evidence: Evidence) -> Iterator[Table]:
     scores = evidence.scores
     if scores is None:
         return
-    rows = scores[
-        scores["metric"].isin(["brier", "brier_climatology"]) & (scores["scenario"] >= 0)
-    ]
+    rows = scores[scores["metric"].isin(["brier", "brier_climatology"]) & (scores["scenario"] >= 0)]
     failed = failed_cells(evidence.out)
     for environment in environments(rows):
         part = rows[rows["environment"] == environment]

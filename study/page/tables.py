@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -75,7 +76,8 @@ def text(value: object, **attributes: Any) -> Value:
 
 def figure(value: float | None, trace: str = "", digits: int = 3, kind: str = "") -> Value:
     """A number without an interval."""
-    shown = number(value, digits)
+    is_count = digits == 0 and value is not None and math.isfinite(value)
+    shown = f"{value:,.0f}" if is_count else number(value, digits)
     return Value(shown, trace=trace, order=value, kind=f"number {kind}".strip())
 
 

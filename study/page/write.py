@@ -27,8 +27,17 @@ def write_page(out: Path) -> Path:
         BadInput: the folder has no results.
     """
     path = out / NAME
-    write_text(path, render(read(out)))
+    write_text(path, render_folder(out))
     return path
+
+
+def render_folder(out: Path) -> str:
+    """The page of the study in a results folder.
+
+    Raises:
+        BadInput: the folder has no results.
+    """
+    return render(read(out))
 
 
 def render(evidence: Evidence) -> str:
@@ -37,28 +46,32 @@ def render(evidence: Evidence) -> str:
     claims, checks = effects.views(evidence.claims)
     different, every = settings_view.settings(evidence)
     names = [] if evidence.scores is None else environments(evidence.scores)
-    return templates().get_template("page.html").render(
-        evidence=evidence,
-        problems=[*evidence.problems, *problems],
-        is_of_paper=not names or any(name in ENVIRONMENTS for name in names),
-        environments=[(name, title(name)) for name in names],
-        claims=claims,
-        checks=checks,
-        tally=effects.tally,
-        ticks=effects.ticks(),
-        drawings=drawings,
-        by_kind=_by_kind(drawings),
-        brier=list(score_views.brier(evidence)),
-        models=list(cells.side_by_side(evidence)),
-        cells=cells.cells(evidence),
-        shared_recordings=cells.shared_recordings(evidence.recordings),
-        scores=score_views.all_scores(evidence),
-        fits=cells.fits(evidence),
-        settings_different=different,
-        settings_all=every,
-        versions=settings_view.versions(evidence),
-        source=settings_view.source_digests(evidence),
-        stages=settings_view.stages(evidence),
+    return (
+        templates()
+        .get_template("page.html")
+        .render(
+            evidence=evidence,
+            problems=[*evidence.problems, *problems],
+            is_of_paper=not names or any(name in ENVIRONMENTS for name in names),
+            environments=[(name, title(name)) for name in names],
+            claims=claims,
+            checks=checks,
+            tally=effects.tally,
+            ticks=effects.ticks(),
+            drawings=drawings,
+            by_kind=_by_kind(drawings),
+            brier=list(score_views.brier(evidence)),
+            models=list(cells.side_by_side(evidence)),
+            cells=cells.cells(evidence),
+            shared_recordings=cells.shared_recordings(evidence.recordings),
+            scores=score_views.all_scores(evidence),
+            fits=cells.fits(evidence),
+            settings_different=different,
+            settings_all=every,
+            versions=settings_view.versions(evidence),
+            source=settings_view.source_digests(evidence),
+            stages=settings_view.stages(evidence),
+        )
     )
 
 
