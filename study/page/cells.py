@@ -1,78 +1,54 @@
 """The tables of cells: models side by side with their cost, every cell, fits, and trials."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 import pandas as pd
 
 from paper_figs.formatting import title
-from paper_figs.score_tables import MEASURES, VARIANCE_RATIOS, Entry, Measure, rows
-from paper_figs.scores import environments, in_order, levels, models
+from paper_figs.score_tables import MEASURES
+from paper_figs.scores import in_order
 from study.config.names import BEYOND, ENSEMBLE, MODELS, label
-from study.metrics.intervals import Interval
 from study.page.evidence import Evidence
-from study.page.score_views import source
-from study.page.tables import Table, Value, estimate, figure, text
+from study.page.score_views import ScoreTables, score
+from study.page.tables import Table, Value, figure, text
 
 COMPARED = ("mmd2", "energy_score", "brier", "coverage_90", "variance_ratio", "epistemic_share")
 """The scores that show models side by side."""
 MEGABYTE = 1e6
 
 
-def side_by_side(evidence: Evidence) -> Iterable[Table]:
-    """For each environment: the models, their scores at each level, and what a fit costs."""
-    if evidence.scores is None:
-        return
-    names = [measure.metric for measure in MEASURES]
-    scores = evidence.scores[evidence.scores["metric"].isin(names)]
-    scores = scores[(scores["step"] == -1) | scores["metric"].isin(VARIANCE_RATIOS)]
-    for environment in environments(scores):
-        part = scores[scores["environment"] == environment]
-        by_level = {level: rows(part, environment, level) for level in levels(part)}
+def side_by_side(evidence: Evidence, tables: ScoreTables) -> Iterator[Table]:
+    """For each environment: the models at each level, their scores, and what a fit costs."""
+    for environment in dict.fromkeys(environment for environment, _ in tables):
+        by_level = {level: table for (e, level), table in tables.items() if e == environment}
         present = {metric for table in by_level.values() for metric in table}
         measures = [m for m in MEASURES if m.metric in COMPARED and m.metric in present]
+        models = dict.fromkeys(m for t in by_level.values() for row in t.values() for m in row)
         yield Table(
             id=f"models-{environment}",
             caption=f"Models side by side, {label(environment)}",
-            heads=[
-                "model", "level", *(measure.name for measure in measures), "CPU s", "memory, MB",
-            ],
+            heads=["model", "level", *(m.name for m in measures), "CPU s", "memory, MB"],
             rows=[
-                _compared(evidence, by_level[level], measures, environment, level, model)
-                for model in models(part)
-                for level in levels(part)
+                [
+                    text(title(model)),
+                    text(label(level)),
+                    *(
+                        score(table.get(m.metric, {}).get(model), environment, level, model, m)
+                        for m in measures
+                    ),
+                    *_cost(evidence, environment, level, model),
+                ]
+                for model in models
+                for level, table in by_level.items()
             ],
             tools=True,
             notes=[
                 "CPU seconds: of a fit and its search for β, the mean over seeds, without the "
                 "ensemble. Memory: the peak of these stages."
             ],
-        )  # fmt: skip
-
-
-def _compared(
-    evidence: Evidence,
-    table: Mapping[str, Mapping[str, Entry]],
-    measures: Sequence[Measure],
-    environment: str,
-    level: str,
-    model: str,
-) -> list[Value]:
-    """The row of a model at a level."""
-    entries = [
-        _entry(table.get(measure.metric, {}).get(model), measure, environment, level, model)
-        for measure in measures
-    ]
-    cost = _cost(evidence, environment, level, model)
-    return [text(title(model)), text(label(level)), *entries, *cost]
-
-
-def _entry(entry: Entry, measure: Measure, environment: str, level: str, model: str) -> Value:
-    trace = source(environment, level, model, measure.metric)
-    if isinstance(entry, Interval):
-        return estimate(entry, trace, measure.digits)
-    return figure(entry, trace, measure.digits)
+        )
 
 
 def _cost(evidence: Evidence, environment: str, level: str, model: str) -> list[Value]:

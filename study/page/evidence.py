@@ -63,6 +63,12 @@ class Evidence:
         failed = self.facts.get("failed", [])
         return [str(name) for name in failed] if isinstance(failed, list) else []
 
+    @property
+    def failed_models(self) -> set[tuple[str, str, str]]:
+        """Environment, level and model of the cells that failed."""
+        parts = (tuple(name.split("/")) for name in self.failed)
+        return {(part[0], part[1], part[2]) for part in parts if len(part) == 4}
+
 
 def check_folder(out: Path) -> None:
     """Check that a folder has results.

@@ -16,15 +16,20 @@ import matplotlib as mpl
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from paper_figs import all as scripts
+from paper_figs import outcome_tables, posteriors, score_tables, tables_1_2_brier
+from paper_figs.all import SCRIPTS as ALL_SCRIPTS
 from paper_figs.scores import read_scores
 from study.common.errors import StudyError
+from study.common.plugins import reason
 from study.config.names import label
 from study.page.hover import Hover, mmd_steps
 from study.plotting import style
 from study.results.folder import STUDY
 from study.results.summary import FITS, SCORES, TRIALS
 
+TABLES = (tables_1_2_brier, outcome_tables, score_tables, posteriors)
+SCRIPTS = [script for script in ALL_SCRIPTS if script not in TABLES]
+"""The scripts that draw figures."""
 POINTS_PER_INCH = 72
 NEUTRAL = {"#000000": "currentColor", "#e6e6e6": "var(--grid)"}
 """Colours that follow the theme of the page."""
@@ -108,10 +113,12 @@ def draw(out: Path) -> tuple[dict[str, Drawing], list[str]]:
                 shutil.copyfile(out / name, copy / name)
         if (out / "illustrations").is_dir():
             shutil.copytree(out / "illustrations", copy / "illustrations")
-        try:
-            scripts.plot(copy)
-        except (StudyError, OSError, ValueError) as error:
-            problems.append(f"figures: {str(error).replace(f'{copy}/', '')}")
+        for script in SCRIPTS:
+            try:
+                script.plot(copy)
+            except Exception as error:  # one damaged file must not remove the other figures
+                why = str(error) if isinstance(error, StudyError) else reason(error)
+                problems.append(f"no figure: {why.replace(f'{copy}/', '').replace(str(copy), '.')}")
     return drawings, problems
 
 
@@ -129,6 +136,11 @@ def _hovers(out: Path) -> Iterator[tuple[str, Hover]]:
         return
 
 
+def slug(name: str) -> str:
+    """A name as part of an address: letters, digits, hyphens and underscores."""
+    return re.sub(r"[^A-Za-z0-9_-]", "-", name)
+
+
 def _drawing(figure: Figure, name: str, hover: Hover | None) -> Drawing:
     kind, subject = kind_and_subject(name)
     title, alt = KINDS.get(kind, (name.replace("_", " "), name.replace("_", " ")))
@@ -142,7 +154,8 @@ def _drawing(figure: Figure, name: str, hover: Hover | None) -> Drawing:
             stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None}
         )
     areas = _areas(figure, hover) if hover else ""
-    return Drawing(name, title, alt, Markup(_inline(stream.getvalue(), name, alt, areas)))
+    svg = _inline(stream.getvalue(), slug(name), alt, areas)
+    return Drawing(name, title, alt, Markup(svg))
 
 
 def _areas(figure: Figure, hover: Hover) -> str:
@@ -169,12 +182,11 @@ def _inline(svg: str, name: str, alt: str, areas: str) -> str:
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
     box = re.search(r'viewBox="([^"]+)"', body)
     body = body[body.index(">") + 1 : body.rindex("</svg>")]
-    body = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', body)
+    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', body))
+    body = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", body)
     body = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", body)
-    body = re.sub(r' id="[^"]*-(?:patch|line2d|text|xtick|ytick|axes|matplotlib)[^"]*"', "", body)
     for colour, themed in NEUTRAL.items():
         body = re.sub(rf"(fill|stroke): {colour}", rf"\1: {themed}", body, flags=re.IGNORECASE)
-    body = re.sub(r"(?<=[\d.])(\.\d\d)\d+", r"\1", body)
     body = re.sub(r"(\d\.\d\d)\d+", r"\1", body)
     body = re.sub(r"\n\s*", "\n", body)
     view = box.group(1) if box else "0 0 100 100"

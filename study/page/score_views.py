@@ -1,12 +1,10 @@
 """The tables of scores: Brier scores with the paper's values, models side by side, all scores."""
 
-from collections.abc import Iterator
-
-import pandas as pd
+from collections.abc import Iterator, Mapping
 
 from paper_figs import score_tables, tables_1_2_brier
 from paper_figs.formatting import title
-from paper_figs.scores import environments, failed_cells, levels
+from paper_figs.scores import environments, levels
 from paper_figs.tables_1_2_brier import CLIMATOLOGY, Entry
 from study.config.names import label
 from study.metrics.intervals import Interval
@@ -23,10 +21,9 @@ def brier(evidence: Evidence) -> Iterator[Table]:
     if scores is None:
         return
     rows = scores[scores["metric"].isin(["brier", "brier_climatology"]) & (scores["scenario"] >= 0)]
-    failed = failed_cells(evidence.out)
     for environment in environments(rows):
         part = rows[rows["environment"] == environment]
-        by_level = tables_1_2_brier.rows(part, environment, failed)
+        by_level = tables_1_2_brier.rows(part, environment, evidence.failed_models)
         columns = list(next(iter(by_level.values())))
         yield Table(
             id=f"brier-{environment}",
@@ -51,29 +48,45 @@ def brier(evidence: Evidence) -> Iterator[Table]:
         )
 
 
-def all_scores(evidence: Evidence) -> Table | None:
-    """Every score of every forecaster, one row each."""
+ScoreTables = Mapping[tuple[str, str], score_tables.Table]
+"""All scores of an environment and a level."""
+
+
+def aggregate(evidence: Evidence) -> ScoreTables:
+    """The scores of all forecasters, aggregated as in ``tables/scores_<environment>.md``."""
     if evidence.scores is None:
-        return None
+        return {}
     metrics = [measure.metric for measure in score_tables.MEASURES]
     scores = evidence.scores[evidence.scores["metric"].isin(metrics)]
     scores = scores[(scores["step"] == -1) | scores["metric"].isin(score_tables.VARIANCE_RATIOS)]
+    tables = {}
+    for environment in environments(scores):
+        part = scores[scores["environment"] == environment]
+        for level in levels(part):
+            tables[environment, level] = score_tables.rows(part, environment, level)
+    return tables
+
+
+def all_scores(tables: ScoreTables) -> Table | None:
+    """Every score of every forecaster, one row each."""
     rows: list[list[Value]] = []
     download: list[list[object]] = [list(CSV_HEADS[:-1])]
-    for environment, level, model, measure, entry in _entries(scores):
+    for environment, level, model, measure, entry in _entries(tables):
         rows.append(
             [
-                text(f"{label(environment)}"),
+                text(label(environment)),
                 text(label(level)),
                 text(label(model)),
                 text(measure.name),
-                _entry(entry, environment, level, model, measure),
+                score(entry, environment, level, model, measure),
                 text(measure.ideal),
                 _count(entry, "scenarios"),
                 _count(entry, "seeds"),
             ]
         )
         download.append([environment, level, model, measure.metric, *_numbers(entry)])
+    if not rows:
+        return None
     return Table(
         id="all-scores",
         caption="All scores",
@@ -87,25 +100,23 @@ def all_scores(evidence: Evidence) -> Table | None:
 
 
 def _entries(
-    scores: pd.DataFrame,
+    tables: ScoreTables,
 ) -> Iterator[tuple[str, str, str, score_tables.Measure, Interval | float]]:
-    for environment in environments(scores):
-        part = scores[scores["environment"] == environment]
-        for level in levels(part):
-            table = score_tables.rows(part, environment, level)
-            for measure in score_tables.MEASURES:
-                for model, entry in table.get(measure.metric, {}).items():
-                    if entry is not None:
-                        yield environment, level, model, measure, entry
+    for (environment, level), table in tables.items():
+        for measure in score_tables.MEASURES:
+            for model, entry in table.get(measure.metric, {}).items():
+                if entry is not None:
+                    yield environment, level, model, measure, entry
 
 
-def _entry(
-    entry: Interval | float,
+def score(
+    entry: score_tables.Entry,
     environment: str,
     level: str,
     model: str,
     measure: score_tables.Measure,
 ) -> Value:
+    """A score with its interval and where it comes from."""
     trace = source(environment, level, model, measure.metric)
     if isinstance(entry, Interval):
         return estimate(entry, trace, measure.digits)

@@ -11,10 +11,10 @@ from markupsafe import Markup
 from paper_figs.formatting import title
 from paper_figs.scores import environments
 from study.common.files import write_text
-from study.config.names import ENVIRONMENTS, label
+from study.config.names import ENVIRONMENTS
 from study.page import cells, effects, score_views, settings_view
 from study.page.evidence import Evidence, read
-from study.page.figures import Drawing, draw, kind_and_subject
+from study.page.figures import KINDS, Drawing, draw, kind_and_subject, slug
 
 NAME = "index.html"
 STYLES = ("base.css", "tables.css", "figures.css", "print.css")
@@ -45,6 +45,7 @@ def render(evidence: Evidence) -> str:
     drawings, problems = draw(evidence.out) if evidence.scores is not None else ({}, [])
     claims, checks = effects.views(evidence.claims)
     different, every = settings_view.settings(evidence)
+    tables = score_views.aggregate(evidence)
     names = [] if evidence.scores is None else environments(evidence.scores)
     return (
         templates()
@@ -61,10 +62,10 @@ def render(evidence: Evidence) -> str:
             drawings=drawings,
             by_kind=_by_kind(drawings),
             brier=list(score_views.brier(evidence)),
-            models=list(cells.side_by_side(evidence)),
+            models=list(cells.side_by_side(evidence, tables)),
             cells=cells.cells(evidence),
             shared_recordings=cells.shared_recordings(evidence.recordings),
-            scores=score_views.all_scores(evidence),
+            scores=score_views.all_scores(tables),
             fits=cells.fits(evidence),
             settings_different=different,
             settings_all=every,
@@ -76,7 +77,8 @@ def render(evidence: Evidence) -> str:
 
 
 def _by_kind(drawings: dict[str, Drawing]) -> dict[str, list[Drawing]]:
-    groups: dict[str, list[Drawing]] = {}
+    """The figures of each kind; empty for a kind without any."""
+    groups: dict[str, list[Drawing]] = {kind: [] for kind in KINDS}
     for name, drawing in drawings.items():
         groups.setdefault(kind_and_subject(name)[0], []).append(drawing)
     return groups
@@ -106,6 +108,5 @@ def templates() -> Environment:
             f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
         ),
     }
-    environment.filters["label"] = label
-    environment.filters["title_of"] = title
+    environment.filters["slug"] = slug
     return environment
