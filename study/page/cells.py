@@ -91,7 +91,7 @@ def cells(evidence: Evidence) -> Table:
             ]
         )
     return Table(
-        id="cells",
+        id="all-cells",
         caption="Cells: one for each environment, level, model and seed",
         heads=[
             "cell", "status", "MMD²", "plain Brier score", "β", "recordings",
@@ -183,7 +183,7 @@ def fits(evidence: Evidence) -> Table | None:
         order=evidence.fits["model"].map({model: i for i, model in enumerate(order)})
     ).sort_values(["environment", "level", "order", "seed"], ascending=[True, False, True, True])
     return Table(
-        id="fits",
+        id="all-fits",
         caption="Fitted models",
         heads=["environment", "level", "model", "seed", *(names[column][0] for column in columns)],
         rows=[

@@ -182,8 +182,16 @@ def _inline(svg: str, name: str, alt: str, areas: str) -> str:
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
     box = re.search(r'viewBox="([^"]+)"', body)
     body = body[body.index(">") + 1 : body.rindex("</svg>")]
-    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', body))
-    body = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", body)
+    unnamed = set(re.findall(r'(?:url\(#|href="#)([^")]+)', body))
+
+    def named(found: re.Match[str]) -> str:
+        """The name of what is used, once: equal markers are defined several times."""
+        if found[1] not in unnamed:
+            return ""
+        unnamed.remove(found[1])
+        return f' id="{name}-{found[1]}"'
+
+    body = re.sub(r' id="([^"]+)"', named, body)
     body = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", body)
     for colour, themed in NEUTRAL.items():
         body = re.sub(rf"(fill|stroke): {colour}", rf"\1: {themed}", body, flags=re.IGNORECASE)

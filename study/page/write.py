@@ -1,23 +1,17 @@
 """The page of a study: one file that needs no network, made from the files of a results folder."""
 
-import base64
-import hashlib
-from functools import lru_cache
 from pathlib import Path
-
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
 
 from paper_figs.formatting import title
 from paper_figs.scores import environments
 from study.common.files import write_text
 from study.config.names import ENVIRONMENTS
-from study.page import cells, effects, score_views, settings_view
+from study.page import ablations, cells, effects, score_views, settings_view
+from study.page.environment import templates
 from study.page.evidence import Evidence, read
-from study.page.figures import KINDS, Drawing, draw, kind_and_subject, slug
+from study.page.figures import KINDS, Drawing, draw, kind_and_subject
 
 NAME = "index.html"
-STYLES = ("base.css", "tables.css", "figures.css", "print.css")
 
 
 def write_page(out: Path) -> Path:
@@ -53,6 +47,8 @@ def render(evidence: Evidence) -> str:
         .render(
             evidence=evidence,
             problems=[*evidence.problems, *problems],
+            failed=evidence.failed,
+            ablations=ablations.table(evidence),
             is_of_paper=not names or any(name in ENVIRONMENTS for name in names),
             environments=[(name, title(name)) for name in names],
             claims=claims,
@@ -82,31 +78,3 @@ def _by_kind(drawings: dict[str, Drawing]) -> dict[str, list[Drawing]]:
     for name, drawing in drawings.items():
         groups.setdefault(kind_and_subject(name)[0], []).append(drawing)
     return groups
-
-
-@lru_cache
-def templates() -> Environment:
-    """The templates. Every text is escaped."""
-    loader = PackageLoader("study.page")
-    environment = Environment(
-        loader=loader,
-        autoescape=select_autoescape(default=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    folder = Path(__file__).parent
-    style = "\n".join((folder / "style" / name).read_text(encoding="utf-8") for name in STYLES)
-    script = (folder / "style" / "page.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    environment.globals |= {
-        "style": Markup(style),
-        "script": Markup(script),
-        # The page may load nothing at all; its script is allowed by its digest.
-        "policy": (
-            f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
-            f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-        ),
-    }
-    environment.filters["slug"] = slug
-    return environment
