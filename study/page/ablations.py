@@ -22,7 +22,9 @@ def table(evidence: Evidence) -> Table | None:
     if not isinstance(by_change, Mapping):
         return None
     changes = evidence.settings.get("ablations", ())
-    unchanged = next((cells for name, cells in by_change.items() if name not in changes), {})
+    unchanged: Mapping[str, Any] = next(
+        (cells for name, cells in by_change.items() if name not in changes), {}
+    )
     rows = []
     for change, cells in by_change.items():
         for cell, scores in (cells if isinstance(cells, Mapping) else {}).items():

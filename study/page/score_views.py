@@ -11,8 +11,18 @@ from study.metrics.intervals import Interval
 from study.page.evidence import Evidence
 from study.page.tables import Table, Value, estimate, figure, text
 
-CSV_HEADS = ("environment", "level", "model", "metric", "estimate", "low", "high")
-CSV_HEADS += ("seeds", "scenarios", "paper")
+CSV_HEADS: tuple[str, ...] = (
+    "environment",
+    "level",
+    "model",
+    "metric",
+    "estimate",
+    "low",
+    "high",
+    "seeds",
+    "scenarios",
+    "paper",
+)
 
 
 def brier(evidence: Evidence) -> Iterator[Table]:

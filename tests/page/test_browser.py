@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
@@ -58,9 +58,12 @@ class Watched:
         )
 
 
+Theme = Literal["light", "dark"]
+
+
 @pytest.fixture(params=["light", "dark"])
-def theme(request: pytest.FixtureRequest) -> str:
-    name: str = request.param
+def theme(request: pytest.FixtureRequest) -> Theme:
+    name: Theme = request.param
     return name
 
 
@@ -76,7 +79,7 @@ def desktop(chromium: "Browser", address: str) -> "Iterator[Page]":
 
 @pytest.mark.parametrize("size", SIZES)
 def test_it_is_readable_at_both_widths_and_in_both_themes(
-    chromium: "Browser", address: str, theme: str, size: str
+    chromium: "Browser", address: str, theme: Theme, size: str
 ) -> None:
     width, height = SIZES[size]
     watched = Watched(chromium, viewport={"width": width, "height": height}, color_scheme=theme)
@@ -98,7 +101,7 @@ def test_it_is_readable_at_both_widths_and_in_both_themes(
 
 @pytest.mark.parametrize("size", SIZES)
 def test_accessibility_without_serious_findings(
-    chromium: "Browser", address: str, theme: str, size: str
+    chromium: "Browser", address: str, theme: Theme, size: str
 ) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
