@@ -14,7 +14,7 @@ test: $(VENV)/.test
 
 # The tests of every room but the slow ones: under 90 seconds on two cores. One thread a process.
 quicktest: $(VENV)/.test
-	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto -m 'not slow and not viewer'
+	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto -m 'not slow and not viewer and not browser'
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .

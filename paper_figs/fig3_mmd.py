@@ -71,7 +71,7 @@ def _plot_environment(
         axes = figure.subplots()
         for model in models(curves):
             for level in levels(curves):
-                values = _values(curves, environment, level, model)
+                values = curve_values(curves, environment, level, model)
                 if values is None or (model == ORACLE and ORACLE in counts):
                     continue
                 counts[model] = values.shape[:2]
@@ -83,7 +83,7 @@ def _plot_environment(
         return style.save(figure, stem)
 
 
-def _values(curves: pd.DataFrame, environment: str, level: str, model: str) -> Doubles | None:
+def curve_values(curves: pd.DataFrame, environment: str, level: str, model: str) -> Doubles | None:
     """MMD² [seeds, S, T]; None for a cell without scores."""
     table = select(curves, "mmd2", environment, level, model, by="step and scenario")
     if table.empty:

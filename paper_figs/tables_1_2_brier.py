@@ -140,8 +140,7 @@ def to_markdown(environment: str, table: dict[str, Row]) -> str:
     for level, row in table.items():
         entries = [_markdown_entry(row[column]) for column in columns]
         lines.append(f"| {title(level)} | {' | '.join(entries)} |")
-    notes = [_counts(table), *_notes(table)]
-    return "\n".join([*lines, "", *notes, ""])
+    return "\n".join([*lines, "", counts(table), *notes(table), ""])
 
 
 def _markdown_entry(entry: Entry) -> str:
@@ -161,7 +160,7 @@ def to_latex(environment: str, table: dict[str, Row]) -> str:
         "% needs \\usepackage{booktabs}",
         "\\begin{table*}",
         f"\\caption{{Plain Brier scores for {label(environment)} (lower is better). "
-        f"{latex(' '.join([_counts(table), *_notes(table)]))}}}",
+        f"{latex(' '.join([counts(table), *notes(table)]))}}}",
         f"\\label{{brier_{environment}}}",
         "\\centering",
         f"\\begin{{tabular}}{{l{'c' * len(columns)}}}",
@@ -196,7 +195,8 @@ def _latex_paper(entry: Entry) -> str:
     return "" if entry.paper is None else f"{entry.paper:.3f}"
 
 
-def _counts(table: dict[str, Row]) -> str:
+def counts(table: dict[str, Row]) -> str:
+    """The numbers of scenarios and seeds, and what intervals and scores mean."""
     measured = [entry.ours for row in table.values() for entry in row.values() if entry.ours]
     scenarios = " to ".join(map(str, sorted({m.scenarios for m in measured})))
     trained = [
@@ -214,7 +214,8 @@ def _counts(table: dict[str, Row]) -> str:
     )
 
 
-def _notes(table: dict[str, Row]) -> list[str]:
+def notes(table: dict[str, Row]) -> list[str]:
+    """What the marks † and — mean, if they occur."""
     entries = [entry for row in table.values() for entry in row.values()]
     missing = any(entry.ours is None and not entry.failed for entry in entries)
     models_beyond = beyond(name for row in table.values() for name in row)

@@ -14,7 +14,7 @@ from study.common.errors import BadInput, StudyError
 from study.config.grid import cells, select
 from study.config.settings import Config, Engine
 from study.results import checksums, timings
-from study.results.folder import check_writable, create, write_run_settings
+from study.results.folder import STUDY, check_writable, create, write_run_settings
 from study.results.protection import why_refused
 from study.results.publish import Records, publish
 from study.workflow.engine import workers
@@ -83,7 +83,7 @@ def run(options: Options) -> int:
 
 
 def _publish(config: Config, records: Records, store: Store, out: Path, has_run: bool) -> bool:
-    """Bring the results up to date, with timings and checksums.
+    """Bring the results up to date, with timings, checksums and the page.
 
     Returns:
         whether the files of the results were written.
@@ -92,6 +92,8 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
         StudyError: results that cannot be computed again would be lost, and nothing was written; or
             a figure could not be written, and all other files were.
     """
+    from study.page.write import write_page
+
     complete = [cell for cell, task in records.items() if store.reason_to_run(task) is None]
     if refused := why_refused(config, complete, store, out):
         raise StudyError(f"results are not published: {refused}; run the failed stages again")
@@ -103,6 +105,8 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
     if has_run or changed:
         timings.write(topological_order(records.values()), store, config, out)
         checksums.write(out)
+        if (out / STUDY).is_file():  # no cell may be complete
+            write_page(out)
     if problem is not None:
         raise problem
     return changed
@@ -126,7 +130,7 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
 
 COMMAND = Command(
     "all",
-    "run the stages that are not up to date, then write tables, figures and recordings",
+    "run the stages that are not up to date, then write tables, figures, recordings and a page",
     Options,
     run,
     DETAILS,

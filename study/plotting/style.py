@@ -1,7 +1,9 @@
 """The style of all figures: the same colour for a model, and the same line for a level."""
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,21 @@ def context() -> mpl.RcParams:
 
 
 def save(drawing: Figure, stem: Path) -> list[Path]:
+    """Write a figure as `stem`.png and `stem`.pdf, or with the function given to `written_by`."""
+    return _WRITER.get()(drawing, stem)
+
+
+@contextmanager
+def written_by(writer: "Writer") -> Iterator[None]:
+    """Let `writer` write the figures that are saved in this context."""
+    token = _WRITER.set(writer)
+    try:
+        yield
+    finally:
+        _WRITER.reset(token)
+
+
+def write_png_and_pdf(drawing: Figure, stem: Path) -> list[Path]:
     """Write `stem`.png and `stem`.pdf; the same figure gives the same bytes."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     png, pdf = stem.with_suffix(".png"), stem.with_suffix(".pdf")
@@ -99,3 +116,9 @@ def save(drawing: Figure, stem: Path) -> list[Path]:
     drawing.set_layout_engine("none")
     drawing.savefig(pdf, metadata={"CreationDate": None, "Creator": None, "Producer": None})
     return [png, pdf]
+
+
+Writer = Callable[[Figure, Path], list[Path]]
+"""Writes a figure under a path without suffix, and returns the paths of the files."""
+
+_WRITER: ContextVar[Writer] = ContextVar("writer", default=write_png_and_pdf)

@@ -24,7 +24,7 @@ _PATIENCE = 60.0
 """Seconds to wait for an answer of the viewer."""
 _STARTING = 2.0
 """Seconds after the start at which a running viewer has opened its window."""
-_LOCALHOST = "127.0.0.1"
+LOCALHOST = "127.0.0.1"
 WITHOUT_DISPLAY = "without one, --save writes to files"
 """How the commands that open the viewer work without a display."""
 _NO_DRIVER = (
@@ -51,7 +51,7 @@ def open_viewer(paths: Sequence[Path]) -> None:
     check_display()
     # By default the viewer accepts connections from the network. A second viewer sends its
     # recordings to the first one, which may be another user's.
-    command = [_executable(), "--bind", _LOCALHOST, "--port", "auto", *map(str, paths)]
+    command = [executable(), "--bind", LOCALHOST, "--port", "auto", *map(str, paths)]
     with TemporaryFile() as log:
         process = subprocess.Popen(
             command,
@@ -98,10 +98,10 @@ def headless(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
     if not has_driver():
         raise StudyError(_NO_DRIVER)
     with socket.socket() as probe:
-        probe.bind((_LOCALHOST, 0))
+        probe.bind((LOCALHOST, 0))
         port = probe.getsockname()[1]
     # `ViewerClient.spawn` would start a viewer that accepts connections from the network.
-    command = [_executable(), "--headless", "--bind", _LOCALHOST, "--port", str(port)]
+    command = [executable(), "--headless", "--bind", LOCALHOST, "--port", str(port)]
     command += ["--window-size", f"{width}x{height}"]
     with TemporaryFile() as log:
         process = subprocess.Popen(
@@ -157,7 +157,7 @@ def _connect(port: int, process: subprocess.Popen[bytes], log: IO[bytes]) -> Vie
     """
     if process.poll() is not None:
         raise StudyError(f"the viewer does not start: {_reason(process.returncode, log)}")
-    client = ViewerClient.connect(f"rerun+http://{_LOCALHOST}:{port}/proxy")
+    client = ViewerClient.connect(f"rerun+http://{LOCALHOST}:{port}/proxy")
     client.get_state()
     return client
 
@@ -169,7 +169,7 @@ def _reason(code: int, log: IO[bytes]) -> str:
     return lines[-1].strip() if lines else f"exit code {code}"
 
 
-def _executable() -> str:
+def executable() -> str:
     """The viewer of the package rerun-sdk, which need not be on the PATH."""
     package = find_spec("rerun_cli")
     if package is None or package.origin is None:

@@ -111,7 +111,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     arguments, program = tmp_path / "arguments", tmp_path / "rerun"
     program.write_text(f'#!/bin/sh\necho "$@" > {arguments}\necho no window >&2\nexit 1\n')
     program.chmod(0o755)
-    monkeypatch.setattr(viewer, "_executable", lambda: str(program))
+    monkeypatch.setattr(viewer, "executable", lambda: str(program))
     return arguments
 
 
