@@ -5,7 +5,6 @@ network that works in such a frame is equivariant to turns without having to lea
 (canonicalization: Kaba et al., ICML 2023, arXiv:2211.06489).
 """
 
-import torch
 from torch import Tensor
 
 SMALLEST_DISTANCE = 1e-3
