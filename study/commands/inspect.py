@@ -47,6 +47,8 @@ def run(options: Options) -> int:
     from study.data.recorded.inspection import inspect
     from study.data.recorded.proposal import propose, to_yaml
 
+    if options.horizon is not None and options.horizon < 1:
+        raise BadInput(f"--horizon: got {options.horizon}; give at least 1 step")
     name = "my_robot"
     if options.write is not None:
         name = _check_target(options.write)

@@ -39,6 +39,7 @@ class Turn:
         quarter: φ is a multiple of π/2.
         axis: two pairs of `states`. The first axis of the canonical frame points from one to the
             other, so that a network can learn laws without direction (`study.models.unroll.frame`).
+            Events in `broken_by` are then forecast as if every turn preserved them.
         broken_by: events of a trajectory (`Simulator.events`) that only quarter turns preserve.
     """
 
@@ -167,10 +168,11 @@ class Symmetries:
                 f"{subject}: turn.axis is {list(axis)}; give two different pairs of turn.states"
             )
         turned = {name for pair in turn.states for name in pair}
-        if turn.angles or turn.actions or any(turned & set(s.states) for s in self.shifts):
+        shifted = any(turned & set(shift.states) for shift in self.shifts)
+        if turn.angles or turn.actions or turn.quarter or shifted:
             raise BadInput(
-                f"{subject}: turn.axis needs a turn of state pairs alone, without angles, actions "
-                "or shifts of these pairs; leave out turn.axis"
+                f"{subject}: turn.axis needs a turn of state pairs by any angle, without angles, "
+                "actions or shifts of these pairs; leave out turn.axis"
             )
 
     def _names(self, group: str) -> Iterator[tuple[str, list[str]]]:

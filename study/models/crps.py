@@ -96,7 +96,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
     """A decoder with noise inputs that adds to a baseline. A subclass defines the baseline.
 
     Inputs beside the state are the condition, the sum of all past actions, a latent variable ζ of
-    the whole trajectory (`TrajectoryEncoder`), and s_0:
+    the whole trajectory (`TrajectoryEncoder`), and, outside the canonical frame, s_0:
 
     - A controller that integrates an error, such as an autopilot's, depends on past set-points. The
       difference between their sum and the distance travelled is that integral.
@@ -115,7 +115,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         crps = settings.crps
         latent_size = crps.trajectory_latent_size
         self.noise_size = latent_size + crps.noise_size
-        # A baseline has a direction, and so has s_0.
+        # A baseline and s_0 are not turned, so the canonical frame leaves them out.
         has_baseline = self.condition_size() > self.action_size
         axis = len(normalization.axis) > 0
         self.is_canonical = crps.canonical_frame and axis and not has_baseline

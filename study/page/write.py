@@ -21,7 +21,7 @@ def write_page(out: Path) -> Path:
         BadInput: the folder has no results.
     """
     path = out / NAME
-    write_text(path, render_folder(out))
+    write_text(path, render_folder(out) + "\n")
     return path
 
 

@@ -51,6 +51,7 @@ def test_the_axis_survives_json() -> None:
         (Symmetries(turn=replace(AXIS, axis=(PAIRS[0], PAIRS[0]))), "two different pairs"),
         (Symmetries(turn=replace(AXIS, axis=(PAIRS[0], ("y", "x")))), "two different pairs"),
         (Symmetries(turn=replace(AXIS, angles=("yaw",))), "leave out turn.axis"),
+        (Symmetries(turn=replace(AXIS, quarter=True)), "leave out turn.axis"),
         (Symmetries(turn=replace(AXIS, actions=(("ax", "ay"),))), "leave out turn.axis"),
         (Symmetries(turn=AXIS, shifts=(Shift(0, 1, states=("vx",)),)), "leave out turn.axis"),
     ],

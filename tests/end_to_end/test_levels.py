@@ -51,7 +51,7 @@ def test_a_level_trains_on_its_fraction() -> None:
         for cell in cells(config)
         if not cell.is_reference
     }
-    assert parts["low", 0] == parts["low", 1] == {"first": 0, "trajectories": 40}
+    assert parts["low", 0] == parts["low", 1] == {"first": 0, "trajectories": 40, "of": None}
     assert parts["high", 1] == {"first": 10, "trajectories": 10}
     assert parts["tiny", 1] == {"first": 2, "trajectories": 2}
 

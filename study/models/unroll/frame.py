@@ -1,14 +1,15 @@
 """The canonical frame of a state: its first axis points from one point of the state to another.
 
 A law that has no preferred direction is the same in every frame that turns with the state. So a
-network that works in such a frame is equivariant to turns without having to learn it
+network that works in such a frame is equivariant to turns without having to learn it, up to the
+bounds of the states
 (canonicalization: Kaba et al., ICML 2023, arXiv:2211.06489).
 """
 
 from torch import Tensor
 
 SMALLEST_DISTANCE = 1e-3
-"""In SI units. Below it the axis is shorter than one, so that its direction stays finite."""
+"""In SI units. Below it cos φ and sin φ are smaller, so that gradients stay finite."""
 
 
 def direction(state: Tensor, columns: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:

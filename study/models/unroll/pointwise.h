@@ -42,7 +42,8 @@ static float by_angle(
     return sum;
 }
 
-/* Add the gradient of the axis, d/dφ, to that of the state. */
+/* Add the gradient of the axis, d/dφ, to that of the state. It holds for distances of at least
+   SMALLEST_DISTANCE. */
 static void through_axis(const Weights *weights, const float *frame, float by_phi, float *grad_s)
 {
     const int64_t *from = weights->axis_columns, *to = from + 2;

@@ -28,7 +28,8 @@ class Weights:
     columns of `hidden` are r, u and n.
 
     Attributes:
-        state: [M, F, O], from the features of s_t; it includes s_t itself in l.
+        state: [M, F, O], from the features of s_t; without a canonical frame it includes s_t
+            itself in l.
         gates: [M, P, 3H], from the stem to the gates n, r and u.
         hidden: [M, H, 3H], from h_t to the gates r, u and n.
         hidden_bias: [M, H], of the gate n.
