@@ -52,8 +52,8 @@ def test_a_level_trains_on_its_fraction() -> None:
         if not cell.is_reference
     }
     assert parts["low", 0] == parts["low", 1] == {"first": 0, "trajectories": 40, "of": None}
-    assert parts["high", 1] == {"first": 10, "trajectories": 10}
-    assert parts["tiny", 1] == {"first": 2, "trajectories": 2}
+    assert parts["high", 1] == {"first": 10, "trajectories": 10, "of": None}
+    assert parts["tiny", 1] == {"first": 2, "trajectories": 2, "of": None}
 
 
 def test_the_models_own_setting_is_stored_and_read(three: tuple[Path, Done]) -> None:
