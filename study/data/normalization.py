@@ -69,9 +69,10 @@ class Normalization:
             lambda: (actions for _, actions in _parts(trajectories, group))
         )
         _, delta_std = _measure(lambda: (np.diff(part, axis=1) / state_scale for part in states()))
-        moments_ = (state_mean, state_scale, action_mean, action_scale, delta_std)
         turned, axis = (NO_PAIRS, NO_PAIRS) if group is None else group.canonical_frame()
-        return cls(*moments_, pairs, turned, axis)
+        return cls(
+            state_mean, state_scale, action_mean, action_scale, delta_std, pairs, turned, axis
+        )
 
     def normalize_states(self, states: Floats) -> Tensor:
         """States [..., D] in SI units to normalised units, in the fixed frame."""

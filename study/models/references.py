@@ -4,7 +4,7 @@
 training_climatology  the states of K training windows at each step, whatever s_0 and the actions
                       are
 persistence           s_0, plus the change by each step in K training windows, whatever s_0 and the
-                      actions are: a persistence forecast with the spread of the data
+                      actions are: a persistence forecast with the variance of the data
 analogues             s_0, plus the change by each step in the training windows that began most
                       alike and had the most similar actions (Lorenz, J. Atmos. Sci. 26, 1969)
 ====================  ==============================================================================

@@ -8,7 +8,6 @@ from typing import Any
 
 import pandas as pd
 
-from study.common.errors import StudyError
 from study.common.files import (
     digest,
     read_checksums,
@@ -18,7 +17,6 @@ from study.common.files import (
     write_json,
     write_text,
 )
-from study.common.plugins import reason
 from study.common.provenance import versions
 from study.config.grid import Cell
 from study.config.settings import Config
@@ -28,7 +26,7 @@ from study.multiverse.effects import effects_of, join
 from study.multiverse.folder import Failure, Multiverse
 from study.results import checksums
 from study.results.folder import settings_of
-from study.results.summary import SCORES
+from study.results.summary import SCORES, run_each
 from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -102,16 +100,7 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     for name, text in report.pages(multiverse).items():
         write_text(out / name, text)
     shutil.rmtree(out / "figures", ignore_errors=True)
-    problems = []
-    for step in (_plot, _record):
-        try:
-            step(multiverse, out)
-        except OSError:
-            raise
-        except Exception as error:
-            problems.append(str(error) if isinstance(error, StudyError) else reason(error))
-    if problems:
-        raise StudyError("; ".join(problems))
+    run_each(lambda: _plot(multiverse, out), lambda: _record(multiverse, out))
     files = sorted(path for pattern in FILES for path in out.glob(pattern))
     write_checksums(
         out / checksums.NAME, {str(path.relative_to(out)): sha256(path) for path in files}

@@ -7,7 +7,7 @@ scores. The tables show which of the two it is.
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -124,8 +124,18 @@ def write(summary: Summary, out: Path) -> None:
     )
     for folder in PLOTTED:
         shutil.rmtree(out / folder, ignore_errors=True)
+    run_each(lambda: plot(out), lambda: _record(summary, out))
+
+
+def run_each(*steps: Callable[[], object]) -> None:
+    """Run all steps, even if one of them fails.
+
+    Raises:
+        StudyError: steps failed; the error names the reason of each.
+        OSError: a file could not be written, which ends the steps.
+    """
     problems = []
-    for step in (lambda: plot(out), lambda: _record(summary, out)):
+    for step in steps:
         try:
             step()
         except OSError:

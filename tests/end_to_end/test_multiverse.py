@@ -18,6 +18,7 @@ from study.multiverse.effects import effects_of
 from study.multiverse.folder import read
 from study.recording.integrity import check
 from study.stages import train
+from tests.helpers.multiverse import FORECAST
 from tests.helpers.running import Done, files, study
 
 SETTINGS: dict[str, Any] = {
@@ -39,13 +40,7 @@ SETTINGS: dict[str, Any] = {
 DESIGN: dict[str, Any] = {
     "bases": {"study": {}, "as_written": {"forecast": "mean"}},
     "choices": {
-        "forecast": {
-            "question": "What is a forecast state?",
-            "values": {
-                "sample": {"vae.decoder_output": "sample"},
-                "mean": {"vae.decoder_output": "mean"},
-            },
-        },
+        "forecast": FORECAST,
         "loss": {
             "question": "By which loss is the MLP trained?",
             "values": {"beta": {"mlp.loss": "beta_nll"}, "plain": {"mlp.loss": "nll"}},

@@ -13,17 +13,20 @@ from study.multiverse.folder import Failure, Multiverse
 from study.multiverse.read import design_from
 from study.multiverse.universes import universes
 
+FORECAST: dict[str, Any] = {
+    "question": "What is a forecast state?",
+    "values": {
+        "sample": {"vae.decoder_output": "sample"},
+        "mean": {"vae.decoder_output": "mean"},
+    },
+}
+"""A choice of two values."""
+
 PART: dict[str, Any] = {
     "bases": {"study": {}, "as_written": {"forecast": "mean", "target": "state", "beta": "low"}},
     "random": 12,
     "choices": {
-        "forecast": {
-            "question": "What is a forecast state?",
-            "values": {
-                "sample": {"vae.decoder_output": "sample"},
-                "mean": {"vae.decoder_output": "mean"},
-            },
-        },
+        "forecast": FORECAST,
         "target": {
             "question": "What does the decoder predict?",
             "values": {"change": {"vae.target": "delta"}, "state": {"vae.target": "state"}},

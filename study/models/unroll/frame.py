@@ -2,8 +2,7 @@
 
 A law that has no preferred direction is the same in every frame that turns with the state. So a
 network that works in such a frame is equivariant to turns without having to learn it, up to the
-bounds of the states
-(canonicalization: Kaba et al., ICML 2023, arXiv:2211.06489).
+bounds of the states (canonicalization: Kaba et al., ICML 2023, arXiv:2211.06489).
 """
 
 from torch import Tensor
