@@ -92,8 +92,6 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
         StudyError: results that cannot be computed again would be lost, and nothing was written; or
             a figure could not be written, and all other files were.
     """
-    from study.page.write import write_page
-
     complete = [cell for cell, task in records.items() if store.reason_to_run(task) is None]
     if refused := why_refused(config, complete, store, out):
         raise StudyError(f"results are not published: {refused}; run the failed stages again")
@@ -106,6 +104,8 @@ def _publish(config: Config, records: Records, store: Store, out: Path, has_run:
         timings.write(topological_order(records.values()), store, config, out)
         checksums.write(out)
         if (out / STUDY).is_file():  # no cell may be complete
+            from study.page.write import write_page
+
             write_page(out)
     if problem is not None:
         raise problem

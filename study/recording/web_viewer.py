@@ -4,13 +4,14 @@ The package has no files of the web viewer: its program serves them. So the prog
 the loopback interface, its files are copied into memory, and the program is stopped.
 """
 
+import os
 import re
 import subprocess
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from tempfile import TemporaryFile
-from typing import IO
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from urllib.error import URLError
 from urllib.request import ProxyHandler, build_opener
 
@@ -48,28 +49,28 @@ def web_viewer() -> Mapping[str, WebFile]:
     """
     command = [executable(), "--serve-web", "--bind", LOCALHOST]
     command += ["--web-viewer-port", "0", "--port", "auto"]
-    with TemporaryFile() as log:
+    # The address stands in the log, which the environment of a study reduces to errors.
+    environment = os.environ | {"RUST_LOG": "info"}
+    with TemporaryDirectory() as folder, open(Path(folder) / "log", "wb") as log:
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=environment
         )
         try:
-            address = _address(process, log)
+            address = _address(process, Path(log.name))
             return {name: _read(address, name) for name in FILES}
         finally:
             process.kill()
             process.wait()
 
 
-def _address(process: "subprocess.Popen[bytes]", log: IO[bytes]) -> str:
+def _address(process: "subprocess.Popen[bytes]", log: Path) -> str:
     """The address of the program, from its log."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end and process.poll() is None:
-        log.seek(0)
-        if found := _ADDRESS.search(log.read().decode(errors="replace")):
+        if found := _ADDRESS.search(log.read_text(errors="replace")):
             return found[1]
         time.sleep(0.05)
-    log.seek(0)
-    lines = log.read().decode(errors="replace").strip().splitlines() or ["no output"]
+    lines = log.read_text(errors="replace").strip().splitlines() or ["no output"]
     raise StudyError(f"Rerun does not serve its web viewer: {lines[-1]}")
 
 

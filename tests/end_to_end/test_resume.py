@@ -108,7 +108,7 @@ def test_interrupted(tmp_path: Path, small: Path) -> None:
         tmp_path,
     )
     while not _training(tmp_path):
-        assert process.poll() is None
+        assert process.poll() is None, process.communicate()
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate()

@@ -180,7 +180,10 @@ def test_a_port_in_use(server: Server) -> None:
 
 
 @pytest.mark.slow
-def test_the_web_viewer_of_the_package_links_to_no_other_server() -> None:
+def test_the_web_viewer_of_the_package_links_to_no_other_server(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("RUST_LOG", "error")  # as a command of the study sets it
     found = web_viewer()
     assert set(found) == set(FILES)
     assert found["re_viewer_bg.wasm"].content.startswith(b"\0asm")
