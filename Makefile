@@ -9,11 +9,13 @@ RUN := $(VENV)/bin/python
 study: $(VENV)/.study
 	$(RUN) -m study.run all --config $(CONFIG)
 
+# All tests, in as many processes as there are cores but at most 4. One thread a process.
 test: $(VENV)/.test
-	$(RUN) -m pytest
+	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 # The tests of every room but the slow ones: under 90 seconds on two cores. One thread a process.
-quicktest: $(VENV)/.test
+quick# All tests, in as many processes as there are cores but at most 4. One thread a process.
+test: $(VENV)/.test
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto -m 'not slow and not viewer and not browser'
 
 lint: $(VENV)/.test

@@ -17,8 +17,8 @@ TOLERANCE = 1e-4
 """Numbers that differ by less, relative to the largest, are the same to rounding."""
 
 ATTEMPTS = 3
-"""Calls before a method counts as a user of a global random generator. Another thread of the process,
-such as that of a Dask worker, may use Python's generator during one call."""
+"""Calls before a method counts as a user of a global random generator. Another thread of the
+process, such as that of a Dask worker, may use Python's generator during one call."""
 
 
 class CheckFailed(StudyError):

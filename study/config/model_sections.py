@@ -80,11 +80,11 @@ class Crps:
         energy_weight: weight of the energy score of the joint state.
     """
 
-    hidden_size: int = setting(64, low=1, high=10**4)
-    steps: int = setting(4000, low=1, high=10**8)
-    one_step_fraction: float = setting(0.8, low=0.0, high=1.0)
-    batch_size: int = setting(32, low=1, high=10**6)
-    learning_rate: float = setting(5e-3, low=1e-8, high=1.0)
+    hidden_size: int = setting(96, low=1, high=10**4)
+    steps: int = setting(3600, low=1, high=10**8)
+    one_step_fraction: float = setting(0.97, low=0.0, high=1.0)
+    batch_size: int = setting(64, low=1, high=10**6)
+    learning_rate: float = setting(7e-3, low=1e-8, high=1.0)
     symmetries: str = setting("all", choices=("none", "all"))
     canonical_frame: bool = True
     noise_size: int = setting(12, low=1, high=1000)

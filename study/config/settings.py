@@ -35,7 +35,7 @@ class Grid:
     levels: Mapping[str, float] = field(
         default_factory=lambda: dict(FRACTIONS), metadata={"low": 1e-9, "high": 1.0}
     )
-    models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp", "residual_crps")
+    models: tuple[str, ...] = ("residual_vae", "full_vae", "probabilistic_mlp", "full_crps")
     seeds: tuple[int, ...] = setting((0,), low=0, high=LARGEST_SEED)
 
 
@@ -54,7 +54,7 @@ class Collect:
         seed: of the data sets; the same for every cell.
     """
 
-    trajectories: int = setting(3000, low=2, high=10**6)
+    trajectories: int = setting(10000, low=2, high=10**6)
     validation: int = setting(128, low=2, high=10**5)
     scenarios: int = setting(250, low=2, high=10**5)
     rollouts: int = setting(40, low=2, high=10**4)
