@@ -67,10 +67,10 @@ def _address(process: "subprocess.Popen[bytes]", log: Path) -> str:
     """The address of the program, from its log."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end and process.poll() is None:
-        if found := _ADDRESS.search(log.read_text("utf-8", errors="replace")):
+        if found := _ADDRESS.search(log.read_text(encoding="utf-8", errors="replace")):
             return found[1]
         time.sleep(0.05)
-    lines = log.read_text("utf-8", errors="replace").strip().splitlines() or ["no output"]
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["no output"]
     raise StudyError(f"Rerun does not serve its web viewer: {lines[-1]}")
 
 
