@@ -45,7 +45,7 @@ LATENT, NOISE = 2, 5  # sizes in `tests.helpers.models`; noise includes that of 
 
 def crps(name: str, **values: Any) -> Any:
     """A small CRPS model; `values` are those of the section `crps`."""
-    network = model(name, crps=values)
+    network = model(name, crps={"one_step_fraction": 0.8} | values)
     assert isinstance(network, CrpsModel)
     return network
 
