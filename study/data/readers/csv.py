@@ -1,5 +1,6 @@
 """CSV files with a header line. Messages count lines: the header is line 1."""
 
+import csv
 from pathlib import Path
 
 import pandas as pd
@@ -8,15 +9,45 @@ from study.common.errors import BadInput
 from study.data.readers.table import Table
 
 FIRST_LINE = 2
+SEPARATORS = ",;\t"
+"""Characters between values; the one that the header has most often is that of the file."""
 
 
 def read(path: Path) -> list[Table]:
-    """One table with all columns."""
+    """One table with all columns.
+
+    Raises:
+        BadInput: the file is empty or no text, two columns have the same name, or a line has more
+            values than the header.
+    """
     try:
-        frame = pd.read_csv(path, skipinitialspace=True)
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = file.readline()
+        separator = max(SEPARATORS, key=header.count)
+        _check_header(path, header, separator)
+        frame = pd.read_csv(path, sep=separator, skipinitialspace=True)
     except pd.errors.EmptyDataError:
         raise BadInput(f"{path}: the file is empty") from None
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: it is no UTF-8 text ({error.reason}); save it as UTF-8") from None
+    except pd.errors.ParserError as error:
+        reason = str(error).rpartition("C error: ")[2].strip()
+        raise BadInput(f"{path}: {reason}; every line must have the columns of line 1") from None
+    if not isinstance(frame.index, pd.RangeIndex):  # pandas takes the surplus as row names
+        raise BadInput(f"{path}: line 2 has more values than line 1 has names; name every column")
     return [table_of(frame, FIRST_LINE)]
+
+
+def _check_header(path: Path, header: str, separator: str) -> None:
+    """Check that no two columns have the same name, which pandas would rename.
+
+    Raises:
+        BadInput: names the first one.
+    """
+    names = next(csv.reader([header], delimiter=separator, skipinitialspace=True), [])
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"{path}: line 1 names {names.count(name)} columns '{name}'; rename one")
 
 
 def table_of(frame: pd.DataFrame, first_row: int) -> Table:

@@ -10,7 +10,7 @@ import pytest
 from study.common.errors import BadInput
 from study.common.progress import Progress
 from study.data.recorded.description import Description
-from study.data.recorded.windows import SIDES, Split, read_windows, unit_warnings
+from study.data.recorded.windows import SIDES, Split, read_windows, warnings_of
 from tests.helpers.logs import SETTINGS, log, write
 
 
@@ -87,6 +87,6 @@ def test_degrees_in_a_column_of_radians_are_warned_of(tmp_path: Path) -> None:
     files = (str(tmp_path / "*.csv"),)
     settings = replace(SETTINGS, files=files, state=("x [rad]", "v"))
     system = Description("cart", settings)
-    (warning,) = unit_warnings(system, split_of(files))
+    (warning,) = warnings_of(system, split_of(files))
     assert "degrees" in warning
-    assert unit_warnings(Description("cart", SETTINGS), split_of(files)) == []
+    assert warnings_of(Description("cart", SETTINGS), split_of(files)) == []
