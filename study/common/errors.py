@@ -43,7 +43,7 @@ def nearest(given: str, allowed: Iterable[str]) -> str:
     listed = f"{', '.join(names[:LISTED])}{more}"
     if matches:
         return f"did you mean '{matches[0]}'? (allowed: {listed})"
-    return f"give one of {listed}"
+    return f"give one of {listed}" if names else "there is none"
 
 
 REMEDIES = {

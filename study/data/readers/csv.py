@@ -1,6 +1,7 @@
 """CSV files with a header line. Messages count lines: the header is line 1."""
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -22,9 +23,9 @@ def read(path: Path) -> list[Table]:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = file.readline()
+            header, first = file.readline(), file.readline()
         separator = max(SEPARATORS, key=header.count)
-        _check_header(path, header, separator)
+        _check_header(path, *csv.reader([header, first], delimiter=separator))
         frame = pd.read_csv(path, sep=separator, skipinitialspace=True)
     except pd.errors.EmptyDataError:
         raise BadInput(f"{path}: the file is empty") from None
@@ -33,21 +34,24 @@ def read(path: Path) -> list[Table]:
     except pd.errors.ParserError as error:
         reason = str(error).rpartition("C error: ")[2].strip()
         raise BadInput(f"{path}: {reason}; every line must have the columns of line 1") from None
-    if not isinstance(frame.index, pd.RangeIndex):  # pandas takes the surplus as row names
-        raise BadInput(f"{path}: line 2 has more values than line 1 has names; name every column")
     return [table_of(frame, FIRST_LINE)]
 
 
-def _check_header(path: Path, header: str, separator: str) -> None:
-    """Check that no two columns have the same name, which pandas would rename.
+def _check_header(path: Path, header: Sequence[str] = (), first: Sequence[str] = ()) -> None:
+    """Check what pandas would accept: it renames doubled columns, and shifts rows that are longer.
 
     Raises:
-        BadInput: names the first one.
+        BadInput: two columns have the same name, or the first row has more values than names.
     """
-    names = next(csv.reader([header], delimiter=separator, skipinitialspace=True), [])
+    names = [name.strip() for name in header]
     for name in names:
         if names.count(name) > 1:
             raise BadInput(f"{path}: line 1 names {names.count(name)} columns '{name}'; rename one")
+    if len(first) > len(names):
+        raise BadInput(
+            f"{path}: line 2 has {len(first)} values, and line 1 has {len(names)} names; name "
+            "every column"
+        )
 
 
 def table_of(frame: pd.DataFrame, first_row: int) -> Table:

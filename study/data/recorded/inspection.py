@@ -128,18 +128,18 @@ def inspect(files: Sequence[Path]) -> Inspection:
 
 def _missing(files: Sequence[Path], by_topic: Mapping[str, Mapping[Path, Table]]) -> list[str]:
     """A line for each topic, and each column of a topic, that is not in all files."""
-    lacking: dict[str, list[Path]] = {}
+    lacking: list[tuple[str, list[Path]]] = []
     for topic, tables in by_topic.items():
         names = dict.fromkeys(name for table in tables.values() for name in table.columns)
         what = f"topic '{topic}'" if topic else f"column '{next(iter(names))}'"
-        lacking[what] = [path for path in files if path not in tables]
+        lacking.append((what, [path for path in files if path not in tables]))
         for name in names:
             without = [path for path, table in tables.items() if name not in table.columns]
-            lacking.setdefault(f"column '{name}'", without)
+            lacking.append((f"column '{name}'", without))
     count = counted(len(files), "file")
     lines = [
         f"{len(without)} of {count} lack {what}: {without[0]}{' and others' * (len(without) > 1)}"
-        for what, without in lacking.items()
+        for what, without in lacking
         if without
     ]
     more = len(lines) - LISTED
