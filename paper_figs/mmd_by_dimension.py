@@ -32,6 +32,8 @@ NAME_SIZE = 4.5
 """Font size of the names of dimensions."""
 ROW = 0.066
 """Height of one dimension, in inches."""
+LOWEST = 1.6
+"""Height of a figure of few dimensions and models, in inches, so that its axes have room."""
 
 
 def plot(results: Path) -> list[Path]:
@@ -66,7 +68,8 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
     highest = max(float(np.nanmax(table.to_numpy())) for table in tables.values())
     norm = PowerNorm(0.5, 0, max(highest, float(TICKS[1])), clip=True)
     with mpl.rc_context(style.context()):
-        figure = style.figure(height=0.7 + len(order) * (0.19 + ROW * len(names)))
+        height = 0.7 + len(order) * (0.19 + ROW * len(names))
+        figure = style.figure(height=max(height, LOWEST))
         columns = len(levels(scores))
         panels = figure.subplots(len(order), columns, sharex=True, sharey=True, squeeze=False)
         for level, column in zip(levels(scores), panels.T, strict=True):

@@ -42,6 +42,7 @@ MEASURES = (
     Measure("mmd2_pooled", "MMD², pooled over scenarios", "0", 4),
     Measure("crps", "CRPS", "lowest"),
     Measure("energy_score", "energy score", "lowest"),
+    Measure("log_score", "log score", "lowest"),
     Measure("brier", "plain Brier score", "lowest"),
     Measure("brier_fair", "fair Brier score", "lowest"),
     Measure("coverage_50", "coverage of 50 % intervals", "0.50"),
@@ -54,7 +55,13 @@ MEASURES = (
 NOTES_ONCE = (
     "Each scenario was observed once. MMD² is then 1 plus the kernel score: a proper score, whose "
     "lowest value is not 0. Scores that need repeated rollouts are left out: the oracle, ratios to "
-    "the true variance and reference shifts.",
+    "the true variance and reference shifts. The log score is the negative log-density of an "
+    "observed step, given the steps before, in nats for each dimension, with states in standard "
+    "deviations of the training data. Only models with a density have one.",
+)
+NOTE_RATIOS = (
+    f"Ratios to the true variance: medians over seeds, dimensions and the steps from {FIRST_STEP} "
+    "on, where the true variance is not negligible. "
 )
 VARIANCE_RATIOS = {"variance_ratio", "aleatoric_ratio"}
 """The metrics whose entry is `study.metrics.variance.median_ratio`."""
@@ -211,14 +218,14 @@ def _notes(tables: dict[str, Table], shifts: dict[float, float]) -> list[str]:
         if isinstance(entry, Interval) and model != ORACLE
     ]
     scenarios = " to ".join(map(str, sorted({entry.scenarios for entry in entries})))
+    ratios = any(VARIANCE_RATIOS & set(table) for table in tables.values())
     seeds = sorted({entry.seeds for entry in entries})
     trained = " to ".join(map(str, seeds)) or "no"
     notes = [
         f"{scenarios} scenarios, {trained} training seed{'' if seeds == [1] else 's'}; in brackets "
         f"{basis(seeds)}. MMD² and Brier scores: no unit. CRPS and energy score: in standard "
-        "deviations of the training data. Ratios to the true variance: medians over seeds, "
-        f"dimensions and the steps from {FIRST_STEP} on, where the true variance is not "
-        "negligible. ∞ and −∞: some forecasts are not finite.",
+        f"deviations of the training data. {NOTE_RATIOS * ratios}∞ and −∞: some "
+        "forecasts are not finite.",
         *(NOTES_ONCE if any(map(_is_observed_once, tables.values())) else ()),
         *beyond(model for table in tables.values() for row in table.values() for model in row),
     ]

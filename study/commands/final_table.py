@@ -19,6 +19,9 @@ from study.workflow.scheduler import NOT_RUN
 from study.workflow.store import Store
 from study.workflow.task import Task
 
+COLUMNS = ("β", "MMD²", "Brier", "oracle", "paper")
+"""Columns of the table; those without an entry are left out."""
+
 Scores = Mapping[tuple[str, str, str, int, str], float]
 """Scores by environment, level, model, seed and metric."""
 
@@ -47,19 +50,24 @@ def print_table(
     title = f"{config.name}: MMD² and plain Brier scores (lower is better)"
     table = Table(title=title, box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("cell")
-    for column in ("β", "MMD²", "Brier", "oracle", "paper"):
-        table.add_column(column, justify="right")
+    lines = {}
     for cell, record in records.items():
         mmd2, brier = (_score(scores, cell, metric) for metric in ("mmd2", "brier"))
         oracle = Cell(cell.environment, cell.level, "oracle", cell.seed)
-        table.add_row(
-            cell.name,
+        lines[cell.name] = (
             "failed" if record in errors and brier is None else _beta(record, store),
             number(mmd2, 4),
             number(brier, 3),
             number(_score(scores, oracle, "brier"), 3),
             number(BRIER.get((cell.environment, cell.level, cell.model)), 3),
         )
+    # A recorded system has no oracle and no score in the paper.
+    filled = [any(column) for column in zip(*lines.values(), strict=True)]
+    for name, is_filled in zip(COLUMNS, filled, strict=False):
+        if is_filled:
+            table.add_column(name, justify="right")
+    for name, entries in lines.items():
+        table.add_row(name, *(e for e, is_filled in zip(entries, filled, strict=True) if is_filled))
     show(console, table)
     for line in not_finite(scores, records, store):
         say(console, line)

@@ -67,7 +67,7 @@ class Options:
     write: Annotated[Path | None, Flag("write the plan to this .csv or .json file, and stop")] = (
         None
     )
-    out: Annotated[Path, Flag("results folder")] = DEFAULT_OUT
+    out: Annotated[Path, Flag(f"results folder; {DEFAULT_OUT} by default")] = DEFAULT_OUT
 
 
 def run(options: Options) -> int:

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from study.commands.command import Argument, Command, Flag
 from study.commands.terminal import console, say, show
+from study.common.counts import counted
 from study.common.errors import BadInput
 from study.common.files import why_not_writable, write_text
 from study.data.recorded.inspection import TableReport
@@ -38,7 +39,9 @@ class Options:
 
     files: Annotated[list[str], Argument("logs, or patterns such as 'logs/*.csv'")]
     write: Annotated[Path | None, Flag("write the configuration to this YAML file")] = None
-    horizon: Annotated[int | None, Flag("control steps of a window; chosen by default")] = None
+    horizon: Annotated[
+        int | None, Flag("control steps of a window, at least 2; chosen by default")
+    ] = None
 
 
 def run(options: Options) -> int:
@@ -47,8 +50,8 @@ def run(options: Options) -> int:
     from study.data.recorded.inspection import inspect
     from study.data.recorded.proposal import propose, to_yaml
 
-    if options.horizon is not None and options.horizon < 1:
-        raise BadInput(f"--horizon: got {options.horizon}; give at least 1 step")
+    if options.horizon is not None and options.horizon < 2:
+        raise BadInput(f"--horizon: got {options.horizon}; give at least 2 steps")
     name = "my_robot"
     if options.write is not None:
         name = _check_target(options.write)
@@ -57,7 +60,8 @@ def run(options: Options) -> int:
     inspection = inspect(files)
     terminal = console()
     rows = sum(table.rows for table in inspection.tables)
-    say(terminal, f"{len(files)} logs, {rows} rows in {len(inspection.tables)} tables")
+    tables = counted(len(inspection.tables), "table")
+    say(terminal, f"{counted(len(files), 'log')}, {counted(rows, 'row')} in {tables}")
     for table in inspection.tables:
         if not table.name or len(table.of_role("constant")) < len(table.columns):
             show(terminal, _columns(table))
@@ -73,10 +77,10 @@ def run(options: Options) -> int:
     windows = sum(max(0, (n - proposal.horizon - 1) // stride + 1) for n in length)
     say(
         terminal,
-        f"\n{len(length)} trajectories; {windows} windows of {proposal.horizon} steps, one every "
-        f"{stride} steps",
+        f"\n{counted(len(length), 'trajectory')}; {counted(windows, 'window')} of "
+        f"{counted(proposal.horizon, 'step')}, one every {counted(stride, 'step')}",
     )
-    text = to_yaml(inspection, proposal, name, options.files)
+    text = to_yaml(inspection, proposal, name, list(dict.fromkeys(options.files)))
     if options.write is None:
         print(f"\n{text}")
         return 0
@@ -100,6 +104,8 @@ def _check_target(path: Path) -> str:
         raise BadInput(f"--write: got '{path}'; it must be a .yaml file")
     if path.exists():
         raise BadInput(f"--write: '{path}' exists; remove it or give another name")
+    if not path.parent.exists():
+        raise BadInput(f"--write: the folder '{path.parent}' does not exist; create it first")
     if problem := why_not_writable(path.parent):
         raise BadInput(f"--write: {problem}")
     check_name("recorded system", path.stem, "--write")
@@ -126,20 +132,22 @@ def _columns(report: TableReport) -> Table:
 
 def _facts(report: TableReport) -> str:
     """A line about the rows and the time of a table."""
-    parts = [f"{report.rows} rows"]
+    parts = [counted(report.rows, "row")]
     if report.name and (constant := len(report.of_role("constant"))):
-        parts.append(f"{constant} constant columns")
+        parts.append(counted(constant, "constant column"))
     count = len(report.lengths)
     if count > 1:
         shortest, longest = min(report.lengths), max(report.lengths)
-        parts.append(f"{count} trajectories of {shortest} to {longest} rows")
+        lengths = f"{shortest} to {longest}" if shortest < longest else f"{longest}"
+        parts.append(f"{count} trajectories of {lengths} rows")
     if report.interval is None:
         parts.append("no time")
     else:
         parts.append(f"every {report.interval:.4g} s ({1 / report.interval:.4g} Hz)")
-        parts.append(f"{report.gaps} gaps, the longest interval {report.largest:.4g} s")
+        parts.append(f"{counted(report.gaps, 'gap')}, the longest interval {report.largest:.4g} s")
     if report.backwards:
-        parts.append(f"CHECK: in {report.backwards} rows the time does not increase")
+        backwards = counted(report.backwards, "row")
+        parts.append(f"CHECK: in {backwards} the time does not increase")
     return ", ".join(parts)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from rich.console import Console
 
 from study.commands.terminal import say
+from study.common.counts import counted
 from study.config.recorded import recorded_of
 from study.config.settings import Config
 from study.workflow.store import Store
@@ -23,14 +24,16 @@ def check_logs(config: Config, tasks: Iterable[Task], store: Store, terminal: Co
             continue
         from study.common.progress import Progress
         from study.data.recorded.description import Description
-        from study.data.recorded.windows import unit_warnings
+        from study.data.recorded.windows import warnings_of
         from study.envs.recorded import windows_of
 
         split = windows_of(task.label, recorded, config.collect, Progress())
         parts = ", ".join(
-            f"{side} {len(windows)} windows of {len(windows.trajectories)} trajectories"
+            f"{side} {counted(len(windows), 'window')} of "
+            f"{counted(len(windows.trajectories), 'trajectory')}"
             for side, windows in split.windows.items()
         )
-        say(terminal, f"{task.label}: {len(split.files)} logs, {split.rows} rows; {parts}")
-        for warning in unit_warnings(Description(task.label, recorded), split):
+        logs, rows = counted(len(split.files), "log"), counted(split.rows, "row")
+        say(terminal, f"{task.label}: {logs}, {rows}; {parts}")
+        for warning in warnings_of(Description(task.label, recorded), split):
             say(terminal, f"warning: {warning}")

@@ -28,7 +28,7 @@ ACTIONS = ("run", "plan")
 DETAILS = """\
 The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
 part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
-multiverse continues where it stopped; a new value or choice runs what is new alone.
+multiverse continues where it stopped; after a new value or choice, only what is new runs.
 OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, figures/ and
 recordings/multiverse.rrd.
 

@@ -125,8 +125,10 @@ def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     """The options of a command that takes settings."""
     texts, rest = split(arguments, [*STUDY_FLAGS, *command.flags])
     parser = _parser(command)
+    default = f"configs/{Path(command.config).name} by default" if command.config else None
     for flag, text in STUDY_FLAGS.items():
-        parser.add_argument(flag, help=text)
+        is_config = flag == "--config" and default is not None
+        parser.add_argument(flag, help=f"YAML file of settings; {default}" if is_config else text)
     # For other commands the long list of settings would hide the rest of the help.
     if command.name == "all" and set(HELP) & set(rest):
         import_plugins_of({}, texts)

@@ -13,7 +13,8 @@ from study.workflow.store import Store
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
-Nothing runs and nothing is written. For each stage: up to date, missing, config changed (which
+Nothing runs and nothing is written. Logs of a recorded system have to exist, but `all` alone reads
+and checks what is in them. For each stage: up to date, missing, config changed (which
 setting), source changed (which module), input changed, or damaged. The last line says whether the
 results would be written, or why not.
 

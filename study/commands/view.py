@@ -18,8 +18,8 @@ MULTIVERSE = "multiverse"
 """The name of the recording of a multiverse, in place of a cell."""
 
 DETAILS = """\
-what  a cell, for one of its recordings (see --kind); an environment, for its training data; or
-      `study`, for the curves, tables and claims of all cells; `multiverse`, for the effects in
+what  a cell, for one of its recordings (see --kind); an environment, for its training data;
+      `study`, for the curves, tables and claims of all cells; or `multiverse`, for the effects in
       every universe
 
 Without a display, --save DIR writes a picture of every view, and a page of them, to DIR. This needs
@@ -43,7 +43,7 @@ class Options(StudyOptions):
         save: folder for pictures; None opens the viewer.
     """
 
-    cell: Annotated[str, Argument("a cell, such as pusher/low/residual_vae/seed-0; pusher; study")]
+    cell: Annotated[str, Argument("a cell, an environment, study or multiverse")]
     kind: Annotated[str, Flag("forecast, scores, training, tuning")] = "forecast"
     save: Annotated[Path | None, Flag("folder for a picture of every view; needs no screen")] = None
 

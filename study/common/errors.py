@@ -34,12 +34,16 @@ def nearest(given: str, allowed: Iterable[str]) -> str:
 
     >>> nearest("pushr", ["pusher", "uav"])
     "did you mean 'pusher'? (allowed: pusher, uav)"
+    >>> nearest("drone", ["pusher", "uav"])
+    'give one of pusher, uav'
     """
     names = list(allowed)
     matches = get_close_matches(given, names, n=1, cutoff=0.5)
     more = f", … {len(names)} in all" * (len(names) > LISTED)
-    listed = f"(allowed: {', '.join(names[:LISTED])}{more})"
-    return f"did you mean '{matches[0]}'? {listed}" if matches else listed
+    listed = f"{', '.join(names[:LISTED])}{more}"
+    if matches:
+        return f"did you mean '{matches[0]}'? (allowed: {listed})"
+    return f"give one of {listed}" if names else "there is none"
 
 
 REMEDIES = {

@@ -25,6 +25,10 @@ MARK = "files"
 """The setting that tells the section of a recorded system from a misspelt section."""
 
 
+DEGREES = ("deg", "degree", "degrees", "°")
+"""Units of angles that are converted to rad."""
+
+
 @dataclass(frozen=True)
 class Recorded:
     """Logs, and what their columns mean.
@@ -58,7 +62,7 @@ class Recorded:
             windows do not overlap.
         validation: share of the trajectories for validation.
         test: share of the trajectories for the test.
-        angles: state variables that are angles, in rad.
+        angles: state variables that are angles, in rad, or in degrees with the unit ``[deg]``.
         angles_as: an angle is unwrapped and begins within ±π, or is replaced by its sine and
             cosine.
         position: two or three state variables that recordings draw in space; empty draws none.
@@ -123,6 +127,11 @@ class Column:
     name: str
     column: str
     unit: str
+
+    @property
+    def in_degrees(self) -> bool:
+        """Whether the logs have an angle in degrees."""
+        return self.unit in DEGREES
 
     @classmethod
     def parse(cls, text: str) -> "Column":

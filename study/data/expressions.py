@@ -102,7 +102,7 @@ class Expression:
             names = dict.fromkeys(_check(node, list(known), subject))
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             raise BadInput(
-                f"{subject}: got {shown(text)}; write a condition such as x > 3 at any step"
+                f"{subject}: got {shown(text)}; write a condition such as x > 3"
             ) from None
         if not _is_condition(node):
             raise BadInput(f"{subject}: got {shown(text)}; it has no comparison, such as x > 3")

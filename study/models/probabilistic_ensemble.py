@@ -8,6 +8,7 @@ sampling:
     TS1   m_t ~ U{0 … M−1} at every step
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -75,6 +76,19 @@ class ProbabilisticMlpEnsemble(EnsembleOfModels[MlpEnsembleSettings, Probabilist
             state = next_state
             states.append(state)
         return torch.stack(states, dim=1).unflatten(0, (-1, samples))
+
+    def log_density(self, states: Tensor, actions: Tensor) -> Tensor:
+        """See `study.models.log_score.HasDensity`: of the mixture of the members.
+
+        With TS∞ a member that made the past steps likely has a larger weight in the next ones.
+        """
+        members = [model.log_density(states, actions) for model in self.member_models()]
+        steps = torch.stack(members)  # [M, S, T]
+        count = math.log(len(members))
+        if self.samples_every_step:
+            return steps.logsumexp(0) - count
+        past = steps.cumsum(-1).logsumexp(0) - count
+        return past.diff(dim=-1, prepend=torch.zeros_like(past[:, :1]))
 
     def member_of(self, normal: Tensor) -> Tensor:
         """m ~ U{0 … M−1} [...] from standard normal numbers x [...]: m = ⌊M Φ(x)⌋."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.distributions import Normal
 
 from study.config.model_sections import Mlp, Network
 from study.config.settings import Train
@@ -67,6 +68,13 @@ class ProbabilisticMlp(Model[MlpSettings]):
         rows = (start, inputs, torch.zeros_like(normal), normal)
         forecasts = self.network.sample_rollout(*(values[None] for values in rows))[0]
         return forecasts.unflatten(0, (-1, samples))
+
+    def log_density(self, states: Tensor, actions: Tensor) -> Tensor:
+        """See `study.models.log_score.HasDensity`: the sum over D independent normal densities."""
+        before, after = states[None, :, :-1], states[None, :, 1:]
+        mean, log_std = self.network.predict(before, actions[None], torch.zeros_like(before))
+        std = self.network.variance.sqrt() * log_std.exp()
+        return Normal(mean, std).log_prob(after).sum(-1)[0]
 
     def step(self, state: Tensor, action: Tensor, normal: Tensor, s0: Tensor) -> Tensor:
         """A sample of s_{t+1} [B, D].

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from study.common.progress import Progress
 from study.common.seeds import spawn
@@ -22,12 +23,14 @@ from study.data.storage import save_arrays
 from study.data.trajectories import ScenarioSet
 from study.envs.observe import system_of
 from study.metrics.tables.scores import Outcomes, score
+from study.metrics.tables.trajectory_scores import log_score_rows
 from study.models.forecasting import (
     example_arrays,
     forecast_in_parts,
     load_forecaster,
     members_of_samples,
 )
+from study.models.log_score import log_scores
 from study.models.oracle import Oracle
 from study.models.references import reference
 from study.recording.examples import choose_examples
@@ -72,6 +75,9 @@ def run(
         reference_shifts=isinstance(forecaster, Oracle),
         progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
     )
+    if settings.recorded is not None:
+        log = log_scores(forecaster, test)
+        scores = scores if log is None else pd.concat([scores, log_score_rows(log)])
     scores.to_parquet(out / "scores.parquet", index=False)
     examples = choose_examples(scores, evaluate.examples)
     arrays = example_arrays(forecaster, test, forecasts, seeds, np.array(list(examples.values())))

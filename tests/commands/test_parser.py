@@ -36,7 +36,7 @@ BAD = [
     (["all", "--engine.kind", "dusk"], "did you mean 'dask'?"),
     (["all", "--grid.environments", "[pushr]"], "did you mean 'pusher'?"),
     (["all", "--grid.models", "[full_va]"], "did you mean 'full_vae'?"),
-    (["all", "--grid.levels", "[medium]"], "allowed: low, high"),
+    (["all", "--grid.levels", "[medium]"], "give one of low, high"),
     (["all", "--only", "pusher/lo/*"], "no cell matches"),
     (["all", "--plugins", "[no_such_module]"], "cannot import 'no_such_module'"),
     (["all", "--name", "a/b"], "it names a folder"),

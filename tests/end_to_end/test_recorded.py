@@ -81,6 +81,9 @@ def test_all_cells_are_scored(folder: Path, done: Done) -> None:
     assert {"crps", "energy_score", "coverage_90", "pit_01", "brier", "mmd2"} <= metrics
     assert not metrics & {"variance_ratio", "aleatoric_ratio", "mmd2_shift_1"}
     assert np.isfinite(scores.loc[scores["metric"] == "crps", "value"]).all()
+    with_density = scores[scores["metric"] == "log_score"]
+    assert set(with_density["model"]) == {"probabilistic_mlp"}
+    assert np.isfinite(with_density["value"]).all()
 
 
 def test_the_tables_say_what_is_left_out(folder: Path, done: Done) -> None:

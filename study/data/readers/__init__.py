@@ -38,10 +38,16 @@ def format_of(path: Path) -> str:
             return "minari"
         if (path / "metadata.yaml").is_file():
             return "ros"
-    elif path.suffix.lower() in ENDINGS:
+        raise BadInput(
+            f"{path}: the folder is no LeRobot or Minari data set and no ROS 2 bag; give the logs "
+            f"in it, such as '{path / '*.csv'}'"
+        )
+    if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
-    kind = "the folder is no data set" if path.is_dir() else f"unknown ending '{path.suffix}'"
-    raise BadInput(f"{path}: {kind}; {nearest(path.suffix, ENDINGS)}; or give `format`")
+    raise BadInput(
+        f"{path}: unknown ending '{path.suffix}'; {nearest(path.suffix, ENDINGS)}; a configuration "
+        "can name the `format`"
+    )
 
 
 def read(path: Path, file_format: str | None = None) -> list[Table]:
@@ -66,7 +72,7 @@ def read(path: Path, file_format: str | None = None) -> list[Table]:
             f"{path}: reading it needs {package} ({error}): pip install -e '.[{extra}]'"
         ) from None
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {explain(error)}") from None
+        raise BadInput(f"{path}: cannot be read as {name}: {explain(error)}") from None
     except Exception as error:  # a package raises what it likes about a damaged file
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise BadInput(f"{path}: cannot be read as {name}, it may be truncated: {reason}") from None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from study.common.arrays import Array
+from study.common.errors import BadInput
 from study.data.readers.angles import euler
 from study.data.readers.table import Table
 
@@ -20,11 +21,17 @@ LONGEST_ARRAY = 32
 
 
 def read(path: Path) -> list[Table]:
-    """One table for each topic with numbers."""
+    """One table for each topic with numbers.
+
+    Raises:
+        BadInput: a part of a ROS 2 bag lacks the ``metadata.yaml`` of the bag beside it.
+    """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     folder = path.parent if path.suffix == ".db3" else path
+    if folder != path and not (folder / "metadata.yaml").is_file():
+        raise BadInput(f"{path}: its folder has no metadata.yaml; give the whole ROS 2 bag")
     rows: dict[str, list[dict[str, float]]] = {}
     times: dict[str, list[float]] = {}
     with AnyReader([folder], default_typestore=get_typestore(Stores.LATEST)) as reader:

@@ -17,6 +17,8 @@ from study.data.readers.angles import euler
 from study.data.readers.table import Table
 
 MICROSECONDS = 1e-6
+MAGIC = b"ULog\x01\x12\x35"
+"""The first bytes of every ULog file."""
 HEADER, MESSAGE_HEADER = 16, 3
 """Bytes of the header of a file, and of that of a message: its length and its type."""
 
@@ -48,12 +50,14 @@ def read(path: Path) -> list[Table]:
 
 
 def _check_complete(path: Path) -> None:
-    """Check that the file ends with a whole message; the reader ignores a part of one.
+    """Check that a ULog file ends with a whole message; the reader ignores a part of one.
 
     Raises:
-        BadInput: it does not.
+        BadInput: it does not, or it is no ULog file.
     """
     content = path.read_bytes()
+    if not content.startswith(MAGIC):
+        raise BadInput(f"{path}: it is no ULog file, which begins with 'ULog'")
     position = HEADER
     while position < len(content):
         end = position + MESSAGE_HEADER + int.from_bytes(content[position : position + 2], "little")

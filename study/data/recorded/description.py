@@ -1,7 +1,7 @@
 """What a recorded system is, from its settings: variables, outcomes and symmetries, all checked."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,11 @@ class Description:
                 f"{self.name}.test: got {settings.test}; validation and test together must be less "
                 "than 1"
             )
+        if settings.time is not None and settings.interval is not None:
+            raise BadInput(
+                f"{self.name}.interval: got {settings.interval:g} and a time column "
+                f"'{settings.time}'; give one of the two"
+            )
         groups = [[v.name for v in group] for group in (self.state, self.action, self.goal)]
         self.symmetries.check(self.name, *groups)
         for pair in self.rotating_pairs:
@@ -80,6 +85,8 @@ class Description:
                     )
                     for function, word in ((SINE, "sine"), (COSINE, "cosine"))
                 ]
+            elif column.name in self.settings.angles and column.in_degrees:
+                variables.append(_variable(replace(column, unit="rad")))
             else:
                 variables.append(_variable(column))
         return tuple(variables)
@@ -191,11 +198,14 @@ class Description:
         """The variables and the largest amount of a shift."""
         names, amount = self._named("shifts", text, "x goal_x = 20")
         try:
-            return names.split(), float(amount)
+            largest = float(amount)
         except ValueError:
+            largest = 0.0
+        if not 0 < largest < float("inf"):
             raise BadInput(
-                f"{self.name}.shifts: got {shown(text)}; the amount must be a number"
-            ) from None
+                f"{self.name}.shifts: got {shown(text)}; the amount must be a positive number"
+            )
+        return names.split(), largest
 
     def _split(self, setting: str, text: str, count: int) -> list[str]:
         names = text.split()

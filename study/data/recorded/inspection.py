@@ -1,7 +1,7 @@
 """What can be seen in logs: ranges, rates, gaps, resets, and columns that look like angles."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 
 from study.common.arrays import Array, Doubles
+from study.common.counts import counted
+from study.common.errors import shown
 from study.data.readers import read
 from study.data.readers.table import Table
 from study.data.recorded.rows import GAP
@@ -28,7 +30,7 @@ TRAJECTORY = re.compile(
 )
 NO_STATE = re.compile(
     r"(reward|return|done|terminat|truncat|epoch|index|label|valid|counter|timestamp|status|flag"
-    r"|[._](eph|epv|dt|dist_bottom\w*|\w*_dt|\w*covariance\w*)(\[\d+\])*$|innov|inconsistency)",
+    r"|armed|utc|jamming|variance|[._](eph|epv|dt|dist_bottom\w*|\w*_dt|\w*covariance\w*)(\[\d+\])*$|innov|inconsistency)",
     re.I,
 )
 SINE = re.compile(r"(sin|cos)", re.I)
@@ -38,6 +40,8 @@ SHORTEST = 1e-4
 """Dates closer than so many seconds are no times."""
 DEGREES = 20.0
 """An angle beyond this is not in rad, unless it was unwrapped over several turns."""
+LISTED = 12
+"""Problems that are listed, at most."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class ColumnReport:
         name: of the column.
         low: smallest finite value; NaN for text.
         high: largest finite value.
-        nonfinite: rows that are not finite.
+        nonfinite: rows that are empty or not finite; text does not count.
         role: what it looks like: state, action, goal, angle, time, trajectory, reset, constant,
             text or other.
         notes: what a reader should know.
@@ -114,24 +118,32 @@ def inspect(files: Sequence[Path]) -> Inspection:
     Raises:
         BadInput: a log cannot be read.
     """
-    by_topic: dict[str, list[Table]] = {}
+    by_topic: dict[str, dict[Path, Table]] = {}
     for path in files:
         for table in read(path):
-            by_topic.setdefault(table.name, []).append(table)
-    reports = [_table_report(name, tables) for name, tables in by_topic.items()]
+            by_topic.setdefault(table.name, {})[path] = table
+    reports = [_table_report(name, list(tables.values())) for name, tables in by_topic.items()]
     return Inspection(files, reports, _missing(files, by_topic))
 
 
-def _missing(files: Sequence[Path], by_topic: dict[str, list[Table]]) -> list[str]:
-    """A line for each column that is not in all files."""
-    lines = []
-    for tables in by_topic.values():
-        names = dict.fromkeys(name for table in tables for name in table.columns)
+def _missing(files: Sequence[Path], by_topic: Mapping[str, Mapping[Path, Table]]) -> list[str]:
+    """A line for each topic, and each column of a topic, that is not in all files."""
+    lacking: list[tuple[str, list[Path]]] = []
+    for topic, tables in by_topic.items():
+        names = dict.fromkeys(name for table in tables.values() for name in table.columns)
+        what = f"topic '{topic}'" if topic else f"column '{next(iter(names))}'"
+        lacking.append((what, [path for path in files if path not in tables]))
         for name in names:
-            count = sum(name in table.columns for table in tables)
-            if count < len(files) and count < len(tables):
-                lines.append(f"column '{name}' is in {count} of {len(files)} files")
-    return lines
+            without = [path for path, table in tables.items() if name not in table.columns]
+            lacking.append((f"column '{name}'", without))
+    count = counted(len(files), "file")
+    lines = [
+        f"{len(without)} of {count} lack {what}: {without[0]}{' and others' * (len(without) > 1)}"
+        for what, without in lacking
+        if without
+    ]
+    more = len(lines) - LISTED
+    return [*lines[:LISTED], *[f"… and {counted(more, 'more line')} like these"] * (more > 0)]
 
 
 def _table_report(name: str, tables: Sequence[Table]) -> TableReport:
@@ -148,7 +160,7 @@ def _table_report(name: str, tables: Sequence[Table]) -> TableReport:
         begins = _begins(table, reset, trajectory)
         lengths += np.diff([*np.flatnonzero(begins), len(table)]).tolist()
         seconds = table.time
-        if seconds is None and time is not None:
+        if seconds is None and time is not None and time in table.columns:
             column = np.asarray(table.columns[time])
             seconds = column.astype(np.float64) if column.dtype.kind in "biuf" else dates(column)
         if seconds is not None and len(seconds) > 1:
@@ -185,12 +197,14 @@ def _begins(table: Table, reset: str | None, trajectory: str | None) -> Array:
 
 def _column_report(name: str, parts: Sequence[Array]) -> ColumnReport:
     values = np.concatenate([np.asarray(part) for part in parts])
+    text: list[str] = []
     if values.dtype.kind not in "biuf":
         numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
         if np.isnan(numbers).mean() > 0.5:
             if (seconds := dates(values)) is not None:
                 return _date_report(name, seconds)
             return ColumnReport(name, np.nan, np.nan, 0, "text", ("text, no numbers",))
+        text = [str(value) for value in values[np.isnan(numbers) & ~pd.isna(values)]]
         values = numbers
     values = values.astype(np.float64)
     finite = np.isfinite(values)
@@ -199,7 +213,9 @@ def _column_report(name: str, parts: Sequence[Array]) -> ColumnReport:
         return ColumnReport(name, np.nan, np.nan, len(values), "other", ("no finite value",))
     low, high = float(good.min()), float(good.max())
     role, notes = _role(name, good, low, high)
-    return ColumnReport(name, low, high, int((~finite).sum()), role, tuple(notes))
+    if text:
+        notes.append(f"CHECK: text in {counted(len(text), 'row')}, such as {shown(text[0])}")
+    return ColumnReport(name, low, high, int((~finite).sum()) - len(text), role, tuple(notes))
 
 
 def dates(values: Array) -> Doubles | None:
@@ -230,11 +246,11 @@ def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, lis
     is_flag = len(distinct) <= 2 and set(distinct) <= {0.0, 1.0}
     if is_flag and 0 < (values != 0).mean() < 0.1 and values[0] != 0:
         return "reset", [
-            f"not zero in {int((values != 0).sum())} rows: trajectories may begin there"
+            f"not zero in {counted(int((values != 0).sum()), 'row')}: trajectories may begin there"
         ]
     whole = bool((values == np.round(values)).all())
     if whole and TRAJECTORY.search(last) and (np.diff(values) != 0).mean() < 0.5:
-        return "trajectory", [f"{len(np.unique(values))} values"]
+        return "trajectory", [counted(len(np.unique(values)), "value")]
     if name.startswith(GOAL):
         return "goal", []
     if NO_STATE.search(name):
@@ -245,7 +261,7 @@ def _role(name: str, values: Doubles, low: float, high: float) -> tuple[str, lis
     if _is_angle(last, values, low, high):
         notes = ["looks like an angle"]
         if max(abs(low), abs(high)) > DEGREES:
-            notes.append("beyond 20: is it in degrees?")
+            notes.append("CHECK: beyond 20, so it may be in degrees")
         return "angle", notes
     return "state", []
 

@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from study.common.arrays import Doubles, Floats
+from study.common.errors import BadInput
 from study.data.recorded.description import Description
 from study.data.recorded.resampling import grid, interpolate, mean_of_steps, previous
 from study.data.recorded.rows import Log, Run
+
+FINEST = 100
+"""Control steps for each row of a log, at most: more would repeat the same numbers."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +37,10 @@ class Piece:
     def __len__(self) -> int:
         return len(self.states)
 
-    @property
-    def digest(self) -> bytes:
-        """A hash of its numbers, to find copies."""
-        digest = hashlib.sha256(np.ascontiguousarray(self.states).data)
-        digest.update(np.ascontiguousarray(self.actions[:-1]).data)
+    def digest(self, rows: int) -> bytes:
+        """A hash of the numbers of its first rows, to find copies."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.states[:rows]).data)
+        digest.update(np.ascontiguousarray(self.actions[: rows - 1]).data)
         return digest.digest()
 
 
@@ -69,11 +72,22 @@ def _overlap(span: Sequence[Run]) -> bool:
 
 
 def _pieces(log: Log, span: Sequence[Run]) -> Iterator[Piece]:
-    """The pieces of runs that overlap in time, one run for each table."""
+    """The pieces of runs that overlap in time, one run for each table.
+
+    Raises:
+        BadInput: the control step is far shorter than the interval of the rows.
+    """
     step, first = log.settings.control_step, max(run.time[0] for run in span)
     at = None
     if step is not None:
-        at = grid(first, min(run.time[-1] for run in span), step)
+        last = min(run.time[-1] for run in span)
+        logged = max(len(run.time) for run in span)
+        if last - first > FINEST * logged * step:
+            raise BadInput(
+                f"{log.system.name}.control_step: got {step:g}; {log.path} has {logged} rows in "
+                f"{last - first:.4g} s; give a longer control step"
+            )
+        at = grid(first, last, step)
     values = {group: _group(log, group, span, at) for group in ("state", "action", "goal")}
     states = _with_angles(log, values["state"]).astype(np.float32)
     actions, goal = (values[g].astype(np.float32) for g in ("action", "goal"))
@@ -99,7 +113,7 @@ def _group(log: Log, group: str, span: Sequence[Run], at: Doubles | None) -> Dou
         run = span[index]
         values = run.values[:, [log.names(log.used[index]).index(column.column)]]
         if column.name in angles:
-            values = np.unwrap(values, axis=0)
+            values = np.unwrap(np.radians(values) if column.in_degrees else values, axis=0)
         if at is not None and group == "state":
             values = interpolate(run.time, values, at)
         elif at is not None and group == "action":

@@ -4,13 +4,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from study.data.recorded.inspection import ColumnReport, Inspection, TableReport
+import numpy as np
+
+from study.data.recorded.inspection import DEGREES, ColumnReport, Inspection, TableReport
 from study.data.recorded.rows import SECONDS
 
 FEWEST_TRAJECTORIES = 10
 """With fewer, long trajectories are cut into pieces."""
 PIECES = 20
 """The number of pieces into which the logs are then cut."""
+SHORTEST = 10
+"""Steps of a piece, at least."""
 WINDOWS = 4
 """Windows of the horizon in a trajectory, at least."""
 LIKELY = (1e-4, 10.0)
@@ -19,8 +23,13 @@ HORIZON = 50
 QUATERNION = re.compile(r"(\.q(_\w+)?\[\d\]|orientation\.[xyzw])$")
 MOST = 12
 """State variables that are proposed, at most; the others are comments."""
-TOPICS = ("attitude", "position", "odom", "pose", "velocity", "joint", "imu")
+TOPICS = (
+    *("attitude", "angular_velocity", "local_position", "odom", "pose", "velocity", "joint"),
+    *("position", "imu"),
+)
 """Parts of the names of topics, the most likely source of a state first."""
+SLOWEST = 10.0
+"""A topic whose interval is so many times that of the likeliest one is left out of the state."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +72,16 @@ def propose(inspection: Inspection, horizon: int | None = None) -> Proposal:
     ]
     several = len(tables) > 1
     states: dict[str, ColumnReport] = {}
+    slowest = SLOWEST * next((t.interval for t, _ in varying if t.interval is not None), np.inf)
     for table, column in varying:
-        is_likely = not several or _rank(table)[0] < len(TOPICS)
+        is_slow = table.interval is not None and table.interval > slowest
+        is_likely = not several or (_rank(table)[0] < len(TOPICS) and not is_slow)
         if column.role != "action" and is_likely and not QUATERNION.search(column.name):
             states.setdefault(_short(column.name), column)
     state = list(states.values())[:MOST]
     commanded = [t for t in tables if t.of_role("action")]
-    source = next((t for t in commanded if "actuator" in t.name), next(iter(commanded), None))
+    actuators = [t for t in commanded if "actuator" in t.name] or commanded[:1]
+    source = max(actuators, key=lambda t: t.rows, default=None)
     action = source.of_role("action") if source else []
     used = {c.name for c in (*state, *action)}
     owners = [t for t in tables if used & {c.name for c in t.columns}]
@@ -79,7 +91,8 @@ def propose(inspection: Inspection, horizon: int | None = None) -> Proposal:
     lengths = _lengths(owners, step if resample else None, SECONDS[unit])
     longest = None
     if step is not None and len(lengths) < FEWEST_TRAJECTORIES:
-        longest = float(f"{sum(lengths) * step / PIECES:.2g}")
+        rows = max(SHORTEST, sum(lengths) / PIECES)
+        longest = float(f"{rows * step:.2g}")
     rows = round(longest / step) + 1 if longest and step else max(lengths, default=2)
     chosen = horizon or max(2, min(HORIZON, (rows - 1) // WINDOWS))
     others = [c for _, c in varying if c.name not in used]
@@ -119,15 +132,33 @@ def to_yaml(inspection: Inspection, proposal: Proposal, name: str, patterns: Seq
     lines += _times(tables, proposal)
     angles = [_short(c.name) for c in proposal.state if c.role == "angle"]
     if angles:
-        lines.append(f"  angles: [{', '.join(angles)}]  # CHECK: in rad?")
+        lines.append(
+            f"  angles: [{', '.join(angles)}]  # CHECK: in rad, or in degrees with the unit [deg]"
+        )
     lines += [
         f"  horizon: {proposal.horizon}",
         f"  stride: {max(1, proposal.horizon // 10)}",
-        "  # position: [x, y]  # CHECK: two or three state variables that recordings draw",
-        "  # outcomes:         # CHECK: what matters, the main one first",
-        "  #   - arrives = hypot(x - 1, y) < 0.5 at any step",
+        *_examples(proposal.state),
     ]
     return "\n".join([*lines, ""])
+
+
+def _examples(state: Sequence[ColumnReport]) -> list[str]:
+    """Comments that show the settings of the position and of outcomes, with the variables."""
+    names = [_short(column.name) for column in state]
+    lines = []
+    if len(names) > 1:
+        lines.append(
+            f"  # position: [{names[0]}, {names[1]}]  # CHECK: two or three state variables that "
+            "recordings draw in space"
+        )
+    if names:
+        middle = f"{(state[0].low + state[0].high) / 2:.2g}"
+        lines += [
+            "  # outcomes:  # CHECK: what matters, the main one first",
+            f"  #   - {names[0]} is large = {names[0]} > {middle} at any step",
+        ]
+    return lines
 
 
 def _rank(table: TableReport) -> tuple[int, str]:
@@ -205,7 +236,9 @@ def _variables(columns: Sequence[ColumnReport]) -> list[str]:
 
 def _variable(column: ColumnReport) -> str:
     name = _short(column.name)
-    unit = " [rad]" if column.role == "angle" else ""
+    unit = ""
+    if column.role == "angle":
+        unit = " [deg]" if max(-column.low, column.high) > DEGREES else " [rad]"
     return f"{column.name}{unit}" if name == column.name else f"{name} = {column.name}{unit}"
 
 

@@ -19,6 +19,8 @@ STEPS = 2.0
 """Control steps that are a gap, if they are longer."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds of each unit of time."""
+LARGEST = float(np.finfo(np.float32).max)
+"""The largest number that data sets can hold."""
 IRREGULAR = 0.1
 """Share of an interval by which rows that are not resampled may be early or late."""
 
@@ -193,15 +195,15 @@ class Log:
         excluded = self._excluded(names, part, time)
         actions = {column.column for column in self.columns["action"]}
         for i, name in enumerate(names):
-            finite = np.isfinite(part[:, i]) | excluded
+            finite = (np.abs(part[:, i]) <= LARGEST) | excluded  # false for NaN
             if name in actions and len(finite):
                 finite[-1] = True  # no state follows the last action
             if not finite.all() and self.settings.breaks == "error":
                 row = int(np.flatnonzero(~finite)[0])
                 raise BadInput(
                     f"{self._place(table, name, rows.start + row)}: got {part[row, i]}; it must be "
-                    f"finite ({int((~finite).sum())} of {len(finite)} rows of the trajectory are "
-                    f"not); {self.system.name}.breaks: split leaves them out"
+                    f"a finite 32-bit number ({int((~finite).sum())} of {len(finite)} rows of the "
+                    f"trajectory are not); {self.system.name}.breaks: split leaves them out"
                 )
             good &= finite
         return good & ~excluded

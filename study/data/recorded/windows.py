@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from study.common.arrays import Floats, Integers
+from study.common.counts import counted
 from study.common.errors import BadInput
 from study.common.progress import Progress
 from study.common.seeds import derive
@@ -104,7 +105,11 @@ def read_windows(
     for number, path in enumerate(files, start=1):
         pieces += pieces_of(path, system)
         progress(number / len(files), f"{system.name}: {path.name}")
-    _check_copies(pieces)
+    if not pieces:
+        raise BadInput(
+            f"{system.name}: the logs have no row that can be used; check {system.name}.exclude"
+        )
+    _check_copies(pieces, horizon + 1)
     names = [p.trajectory for p in pieces if len(p) > horizon]
     names = list(dict.fromkeys(names))
     sides = split_names(system, names, seed, pieces, horizon)
@@ -124,9 +129,9 @@ def read_windows(
     for side in SIDES:
         if len(windows[side]) < FEWEST:
             raise BadInput(
-                f"{system.name}: {len(windows[side])} window of {horizon} steps for the side "
-                f"'{side}'; at least {FEWEST} are needed: give a shorter horizon, a smaller stride "
-                "or more logs"
+                f"{system.name}: {counted(len(windows[side]), 'window')} of {horizon} steps for "
+                f"the side '{side}'; at least {FEWEST} are needed: give a shorter horizon, a "
+                "smaller stride or more logs"
             )
     return Split(windows, files, sum(map(len, pieces)))
 
@@ -147,10 +152,13 @@ def split_names(
     if count < len(SIDES):
         longest = max(map(len, pieces), default=0)
         every = len({piece.trajectory for piece in pieces})
+        remedy = "a shorter horizon" if count == 0 else "more logs, or a shorter horizon"
+        if longest > len(SIDES) * horizon:
+            remedy = f"more logs, or {system.name}.longest_trajectory to cut long ones"
         raise BadInput(
-            f"{system.name}: {count} of {every} trajectories have a window of {horizon} steps "
-            f"({horizon + 1} rows; the longest has {longest}); a split needs three: give a shorter "
-            f"{system.name}.horizon, or {system.name}.longest_trajectory to cut long logs"
+            f"{system.name}: {count} of {counted(every, 'trajectory')} have a window of {horizon} "
+            f"steps ({horizon + 1} rows; the longest has {longest}); a split needs three: give "
+            f"{remedy}"
         )
     order = np.random.default_rng(derive(seed, "split")).permutation(count)
     shuffled = [names[i] for i in order]
@@ -192,29 +200,45 @@ def _windows(
     return Windows(pieces, horizon, index.astype(np.int64), trajectories, unwrapped)
 
 
-def _check_copies(pieces: Sequence[Piece]) -> None:
-    """Check that no two trajectories are the same.
+def _check_copies(pieces: Sequence[Piece], rows: int) -> None:
+    """Check that no trajectory is a copy of another, or of its beginning.
+
+    Args:
+        pieces: of all trajectories.
+        rows: of a window; shorter pieces are not used.
 
     Raises:
         BadInput: names the two.
     """
-    first: dict[bytes, str] = {}
+    by_window: dict[bytes, list[Piece]] = {}
     for piece in pieces:
-        if len(piece) < FEWEST:
+        if len(piece) < rows:
             continue
-        other = first.setdefault(piece.digest, piece.trajectory)
-        if other != piece.trajectory:
-            raise BadInput(
-                f"{piece.trajectory}: it has the same numbers as {other}; leave one of them out, "
-                "since copies could be in the training set and in the test set"
-            )
+        similar = by_window.setdefault(piece.digest(rows), [])
+        for other in similar:
+            common = min(len(piece), len(other))
+            is_copy = piece.digest(common) == other.digest(common)
+            if is_copy and piece.trajectory != other.trajectory:
+                extent = "" if len(piece) == len(other) else f" in their first {common} rows"
+                raise BadInput(
+                    f"{piece.trajectory}: it has the same numbers as {other.trajectory}{extent}; "
+                    "leave one of them out, since copies could be in the training set and in the "
+                    "test set"
+                )
+        similar.append(piece)
 
 
-def unit_warnings(system: Description, split: Split) -> list[str]:
-    """A sentence for each variable in rad whose values look like degrees."""
+def warnings_of(system: Description, split: Split) -> list[str]:
+    """A sentence for each variable that looks wrong: constant, or in rad with values of degrees."""
     windows = split.windows["train"]
     warnings = []
     for column, variable in enumerate(system.state):
+        first = windows.pieces[0].states[:1, column]
+        if all((piece.states[:, column] == first).all() for piece in windows.pieces):
+            warnings.append(
+                f"{system.name}.state: '{variable.name}' is constant ({first[0]:g}); its forecasts "
+                "say nothing"
+            )
         if variable.unit != "rad" and variable.name not in system.settings.angles:
             continue
         # An unwrapped angle may turn many times, but it begins as it was logged.
@@ -225,7 +249,7 @@ def unit_warnings(system: Description, split: Split) -> list[str]:
         largest = max(float(np.abs(part).max(initial=0.0)) for part in values)
         if largest > LARGEST_ANGLE:
             warnings.append(
-                f"{system.name}.state: '{variable.name}' is {largest:.3g}, and its unit is rad; "
-                "is it in degrees?"
+                f"{system.name}.state: '{variable.name}' has values up to {largest:.3g} with the "
+                "unit rad; is it in degrees?"
             )
     return warnings

@@ -11,9 +11,10 @@ pit_01 … pit_20             by dimension; all: the share of rollouts in each b
 variance_ratio              all
 aleatoric_ratio             by dimension and step; by dimension; by step; all
 epistemic_share             by dimension and step; by step; all
+log_score                   by step; by scenario; all (`log_score_rows`, of recorded systems alone)
 ==========================  =======================================================================
 
-Averages of the last three rows are over variances that are not negligible; NaN without any.
+Averages of variances are over variances that are not negligible; NaN without any.
 """
 
 from collections.abc import Sequence
@@ -70,6 +71,20 @@ def trajectory_rows(
         *_proper(forecast, observed, scale, dimensions),
         *_calibration(forecast, observed, dimensions),
         *_variances(forecast, observed, scale, dimensions, member),
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def log_score_rows(values: Array) -> pd.DataFrame:
+    """The rows of the log score.
+
+    Args:
+        values: [S, T], nats for each dimension.
+    """
+    parts = [
+        by_step("log_score", values.mean(0)),
+        by_scenario("log_score", values.mean(1)),
+        overall("log_score", values.mean()),
     ]
     return pd.concat(parts, ignore_index=True)
 

@@ -173,7 +173,7 @@ def test_a_format_is_by_ending_or_folder(tmp_path: Path) -> None:
     assert format_of(Path("a/LOG.ULG")) == "ulog"
     with pytest.raises(BadInput, match=r"unknown ending '\.xyz'"):
         format_of(Path("a.xyz"))
-    with pytest.raises(BadInput, match="the folder is no data set"):
+    with pytest.raises(BadInput, match="the folder is no LeRobot"):
         format_of(tmp_path)
 
 
@@ -188,3 +188,31 @@ def test_patterns_and_copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     Path("c.csv").write_bytes(Path("a.csv").read_bytes())
     with pytest.raises(BadInput, match=r"c\.csv: it has the same content as a\.csv"):
         digests(files_of(("*.csv",), "bot.files"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", b"t,x,x\n1,2,3\n", "names 2 columns 'x'"),
+        ("a.csv", b"t,x\n1,2,3\n2,3,4\n", "line 2 has 3 values, and line 1 has 2 names"),
+        ("a.csv", b"t,x\n1,2\n1,2,3\n", "line 3, saw 3"),
+        ("a.csv", "t,ö\n1,2\n".encode("latin-1"), "no UTF-8 text"),
+        ("a.csv", b"", "empty"),
+        ("a.ulg", b"hello" * 100, "no ULog file"),
+        ("a.db3", b"hello" * 100, r"no metadata\.yaml"),
+    ],
+)
+def test_a_damaged_file_is_refused(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    for package in {"a.ulg": ["pyulog"], "a.db3": ["rosbags"]}.get(name, []):
+        pytest.importorskip(package)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadInput, match=rf"a\.\w+: .*{message}"):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_the_separator_of_a_csv_file_is_that_of_its_header(tmp_path: Path, separator: str) -> None:
+    frame = pd.DataFrame({"time": TIME, "x": VALUES})
+    frame.to_csv(tmp_path / "log.csv", index=False, sep=separator)
+    (table,) = read(tmp_path / "log.csv")
+    np.testing.assert_allclose(table.columns["x"], VALUES)

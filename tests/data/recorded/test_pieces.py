@@ -73,6 +73,18 @@ def test_an_angle_is_unwrapped_before_it_is_interpolated(tmp_path: Path) -> None
     np.testing.assert_allclose(piece.states[:, 1], np.cos(turning), atol=1e-6)
 
 
+def test_an_angle_in_degrees_becomes_rad(tmp_path: Path) -> None:
+    turning = 0.9 * np.arange(40)
+    frame = log().assign(x=np.degrees(np.angle(np.exp(1j * turning))))
+    (piece,) = pieces(written(tmp_path, frame), state=("x [deg]", "v"), angles=("x",))
+    np.testing.assert_allclose(piece.states[:, 0], turning, atol=1e-5)
+
+
+def test_a_control_step_far_below_the_interval_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"cart\.control_step: got 1e-09; .* 40 rows in 3\.9 s"):
+        pieces(written(tmp_path, log()), control_step=1e-9)
+
+
 def test_a_long_trajectory_is_cut_into_trajectories_without_common_rows(tmp_path: Path) -> None:
     found = pieces(written(tmp_path, log()), longest_trajectory=1.0)
     assert [len(piece) for piece in found] == [11, 11, 11, 7]
@@ -102,6 +114,11 @@ def late(frame: pd.DataFrame) -> pd.DataFrame:
     return frame
 
 
+def huge(frame: pd.DataFrame) -> pd.DataFrame:
+    frame.loc[7, "x"] = 1e300  # overflows to infinity in 32 bits
+    return frame
+
+
 def not_finite(frame: pd.DataFrame) -> pd.DataFrame:
     frame.loc[[7, 9], "x"] = np.nan
     return frame
@@ -112,6 +129,7 @@ def not_finite(frame: pd.DataFrame) -> pd.DataFrame:
     [
         (lambda frame: frame.drop(columns="v"), ["no column 'v'", "cart.state"]),
         (text, ["column 'x', line 9", "'abc'", "1 of 40 rows"]),
+        (huge, ["column 'x', line 9", "1e+300", "32-bit"]),
         (not_finite, ["column 'x', line 9", "2 of 40 rows"]),
         (backwards, ["column 't', line 22", "from 1.9 s to 0.3 s"]),
         (jump, ["column 't', line 22", "jumps by 3.1 s"]),

@@ -10,7 +10,7 @@ import pytest
 from study.common.errors import BadInput
 from study.common.progress import Progress
 from study.data.recorded.description import Description
-from study.data.recorded.windows import SIDES, Split, read_windows, unit_warnings
+from study.data.recorded.windows import SIDES, Split, read_windows, warnings_of
 from tests.helpers.logs import SETTINGS, log, write
 
 
@@ -71,6 +71,18 @@ def test_copies_of_a_trajectory_are_refused(tmp_path: Path) -> None:
         split_of((*files, str(tmp_path / "copy.parquet")))
 
 
+def test_a_copy_of_the_beginning_of_a_trajectory_is_refused(tmp_path: Path) -> None:
+    files = write(tmp_path)
+    log(seed=2)[:30].to_csv(tmp_path / "part.csv", index=False)
+    with pytest.raises(BadInput, match=r"part\.csv: .* as .*2\.csv in their first 30 rows"):
+        split_of((*files, str(tmp_path / "part.csv")))
+
+
+def test_exclusions_that_leave_no_row_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"no row .*cart\.exclude"):
+        split_of(write(tmp_path), exclude=("x < 1e9",))
+
+
 def test_too_few_windows_name_the_horizon(tmp_path: Path) -> None:
     files = write(tmp_path, rows=8)
     with pytest.raises(BadInput, match=r"0 of 6 .* 10 steps .*the longest has 8"):
@@ -83,10 +95,20 @@ def test_too_few_windows_name_the_horizon(tmp_path: Path) -> None:
 
 def test_degrees_in_a_column_of_radians_are_warned_of(tmp_path: Path) -> None:
     for number in range(4):
-        log(seed=number).assign(x=170.0).to_csv(tmp_path / f"{number}.csv", index=False)
+        log(seed=number).assign(x=np.linspace(150, 170, 40)).to_csv(
+            tmp_path / f"{number}.csv", index=False
+        )
     files = (str(tmp_path / "*.csv"),)
     settings = replace(SETTINGS, files=files, state=("x [rad]", "v"))
     system = Description("cart", settings)
-    (warning,) = unit_warnings(system, split_of(files))
+    (warning,) = warnings_of(system, split_of(files))
     assert "degrees" in warning
-    assert unit_warnings(Description("cart", SETTINGS), split_of(files)) == []
+    assert warnings_of(Description("cart", SETTINGS), split_of(files)) == []
+
+
+def test_a_constant_variable_is_warned_of(tmp_path: Path) -> None:
+    for number in range(4):
+        log(seed=number).assign(v=1.5).to_csv(tmp_path / f"{number}.csv", index=False)
+    files = (str(tmp_path / "*.csv"),)
+    (warning,) = warnings_of(Description("cart", SETTINGS), split_of(files))
+    assert "'v' is constant (1.5)" in warning
