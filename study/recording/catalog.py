@@ -141,13 +141,13 @@ def catalog(
         BadInput: there are no recordings, or the port is in use.
         StudyError: the extra `catalog` is not installed, or all recordings are damaged.
     """
-    if find_spec("datafusion") is None:
+    if not find_spec("datafusion"):
         raise StudyError(_WITHOUT_EXTRA)
-    segments, problems = _segments(recordings)
-    applications: dict[str, list[_Segment]] = {}
-    for segment in segments:
-        applications.setdefault(segment.application, []).append(segment)
     with tempfile.TemporaryDirectory(prefix="study-catalog-") as folder, _server(port) as server:
+        segments, problems = _segments(recordings)
+        applications: dict[str, list[_Segment]] = {}
+        for segment in segments:
+            applications.setdefault(segment.application, []).append(segment)
         builder = _Builder(_client(server), Path(folder), scores, problems=problems)
         for application in sorted(applications):
             builder.add(application, applications[application])
@@ -158,7 +158,7 @@ def _segments(recordings: Path) -> tuple[list[_Segment], list[str]]:
     """The recordings that are complete, and one line for each other one."""
     paths = sorted(recordings.rglob("*.rrd"))
     if not paths:
-        raise BadInput(f"there are no recordings in {recordings}: python -m study.run all writes them")
+        raise BadInput(f"there are no recordings in {recordings}: run python -m study.run all")
     segments: list[_Segment] = []
     problems = []
     for path in paths:
@@ -183,7 +183,7 @@ def _server(port: int) -> Iterator[rr.server.Server]:
     try:
         server = rr.server.Server(host=LOCALHOST, port=port)
     except (OSError, OverflowError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0].rsplit(": ", 1)[-1]
         raise BadInput(f"--port: cannot listen on {port}: {reason}; give another") from None
     try:
         yield server
@@ -199,9 +199,13 @@ def _client(server: rr.server.Server) -> "CatalogClient":
 
 
 def _table() -> rrb.TableBlueprint:
-    """The layout of a segment table: the cell and its scores, best first."""
+    """The layout of a segment table: links to the recordings, their cells and the scores."""
     shown = [
-        rrb.table.Column(f"property:{GROUP}:{name}", name=title) for name, title in COLUMNS.items()
+        rrb.table.Column("rerun_segment_id", name="recording"),
+        *(
+            rrb.table.Column(f"property:{GROUP}:{name}", name=title)
+            for name, title in COLUMNS.items()
+        ),
     ]
     hidden = [rrb.table.Column(f"property:{GROUP}:{name}", visible=False) for name in HIDDEN]
     return rrb.TableBlueprint(table_layout=rrb.table.TableLayout(columns=[*shown, *hidden]))
