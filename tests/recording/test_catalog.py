@@ -120,7 +120,7 @@ def test_without_recordings_or_a_free_port(tmp_path: Path, served: Catalog) -> N
     with pytest.raises(BadInput, match=r"there are no recordings in .*run python"):
         catalog(tmp_path, {}).__enter__()
     (tmp_path / "a.rrd").write_bytes(b"nothing")
-    with pytest.raises(StudyError, match="no recording in .* can be read"):
+    with pytest.raises(StudyError, match=r"no recording in .* can be read"):
         catalog(tmp_path, {}).__enter__()
     for port in (urlsplit(served.address).port or 0, 70000, -1):
         with pytest.raises(BadInput, match=f"--port: cannot listen on {port}: .*give another"):
