@@ -134,9 +134,7 @@ def _score(scores: pd.DataFrame | None, metric: str, name: str) -> Value:
     if scores is None:
         return figure(None)
     values = scores.loc[scores["metric"] == metric, "value"]
-    trace = (
-        f"{name}: mean over n = {len(values)} scenarios\nscores.parquet: metric = {metric}"
-    )
+    trace = f"{name}: mean over n = {len(values)} scenarios\nscores.parquet: metric = {metric}"
     return figure(float(values.mean()) if len(values) else None, trace, 4)
 
 

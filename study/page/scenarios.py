@@ -34,7 +34,7 @@ def _rows(evidence: Evidence, name: str, cell: str) -> list[list[Value]]:
     scores = cell_rows(evidence, cell)
     return [
         [
-            Value(title, links=[("open", f"{name}?tab={tab}")]),
+            Value("", links=[(title, f"{name}?tab={tab}")]),
             text(cell),
             text(numbers[title], order=float(numbers[title]), kind="number"),
             *(

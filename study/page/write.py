@@ -6,7 +6,16 @@ from paper_figs.formatting import title
 from paper_figs.scores import environments
 from study.common.files import write_text
 from study.config.names import ENVIRONMENTS
-from study.page import ablations, cells, effects, scenarios, score_views, settings_view
+from study.page import (
+    ablations,
+    cell_settings,
+    cells,
+    effects,
+    outcomes,
+    scenarios,
+    score_views,
+    settings_view,
+)
 from study.page.environment import templates
 from study.page.evidence import Evidence, read
 from study.page.figures import KINDS, Drawing, draw, kind_and_subject
@@ -58,12 +67,14 @@ def render(evidence: Evidence) -> str:
             drawings=drawings,
             by_kind=_by_kind(drawings),
             brier=list(score_views.brier(evidence)),
+            outcomes=list(outcomes.tables(evidence)),
             models=list(cells.side_by_side(evidence, tables)),
             cells=cells.cells(evidence),
             scenarios=scenarios.table(evidence),
             shared_recordings=cells.shared_recordings(evidence.recordings),
             scores=score_views.all_scores(tables),
             fits=cells.fits(evidence),
+            settings_of_cells=cell_settings.table(evidence),
             settings_different=different,
             settings_all=every,
             versions=settings_view.versions(evidence),

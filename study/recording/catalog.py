@@ -6,7 +6,6 @@ segment table has the properties of the recordings and the scores of their cells
 """
 
 import tempfile
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,11 +16,11 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import RrdReader
 
 from study.common.errors import BadInput, StudyError
 from study.recording.integrity import check
 from study.recording.properties import GROUP
+from study.recording.reading import reader
 from study.recording.streams import PREFIX
 from study.recording.viewer import LOCALHOST
 
@@ -167,9 +166,7 @@ def _segments(recordings: Path) -> tuple[list[_Segment], list[str]]:
         except StudyError as error:
             problems.append(str(error))
             continue
-        with warnings.catch_warnings():  # that a forecast recording has no index
-            warnings.simplefilter("ignore")
-            store = RrdReader(path).recordings()[0]
+        store = reader(path).recordings()[0]
         cell = path.parent.relative_to(recordings).as_posix()
         segments.append(_Segment(path, cell, store.application_id, store.recording_id))
     if not segments:

@@ -6,7 +6,6 @@ tab is sent along with the recording.
 
 import re
 import tempfile
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,14 @@ from uuid import UUID
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk
 
 from study.common.errors import StudyError
+from study.recording.reading import UNREADABLE, reader
 
 _CONTENTS, _KIND = "ContainerBlueprint:contents", "ContainerBlueprint:container_kind"
 _TEXT = "TextDocument:text"
 _SCENARIO = re.compile(r"# (?P<title>[^\n]+)\s+Scenario (?P<number>\d+) of the test set")
-_UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)
 _NAMES = ("ContainerBlueprint:display_name", "ViewBlueprint:display_name")
 _TABS = rrb.components.ContainerKind.Tabs.value
 _ROOT = "ViewportBlueprint:root_container"
@@ -42,14 +41,14 @@ class Layout(rrb.Blueprint):
             StudyError: the file is no recording, or has no layout.
         """
         try:
-            reader = _reader(path)
-            (store, *_) = reader.blueprints()
-            self._chunks: Sequence[Chunk] = reader.stream(store=store).to_chunks()
+            file = reader(path)
+            (store, *_) = file.blueprints()
+            self._chunks: Sequence[Chunk] = file.stream(store=store).to_chunks()
             values = {chunk.entity_path: _values(chunk) for chunk in self._chunks}
             self._root = f"container/{UUID(bytes=bytes(values['/viewport'][_ROOT]))}"
             root = values[f"/{self._root}"]
             self._contents = list(root[_CONTENTS])
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise StudyError(f"recording {path} has no layout: {reason}") from None
         self.application = store.application_id
@@ -84,20 +83,14 @@ def scenario_numbers(path: Path) -> dict[str, int]:
     """
     numbers = {}
     try:
-        for chunk in _reader(path).stream():
+        for chunk in reader(path).stream():
             if chunk.entity_path.endswith("/about"):
                 ((text,),) = chunk.to_record_batch().to_pydict()[_TEXT]
                 if found := _SCENARIO.match(text):
                     numbers[found["title"]] = int(found["number"])
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise StudyError(f"recording {path} cannot be read: {error}") from None
     return numbers
-
-
-def _reader(path: Path) -> RrdReader:
-    with warnings.catch_warnings():  # that a forecast recording has no index
-        warnings.simplefilter("ignore")
-        return RrdReader(path)
 
 
 def _values(chunk: Chunk) -> dict[str, Any]:
