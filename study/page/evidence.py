@@ -11,6 +11,7 @@ import pandas as pd
 from paper_figs.scores import read_scores
 from study.common.errors import BadInput, StudyError
 from study.common.files import read_json
+from study.multiverse.folder import FACTS as MULTIVERSE
 from study.results import checksums, timings
 from study.results.folder import STUDY
 from study.results.summary import CLAIMS, FITS, SCORES, TRIALS
@@ -74,11 +75,11 @@ def check_folder(out: Path) -> None:
     """Check that a folder has results.
 
     Raises:
-        BadInput: there is no such folder, or it has neither a study nor ablations.
+        BadInput: there is no such folder, or it has no study, no ablations and no multiverse.
     """
     if not out.is_dir():
         raise BadInput(f"there is no folder {out}: give the results folder of a study")
-    if not any((out / name).is_file() for name in (STUDY, SCORES, ABLATIONS)):
+    if not any((out / name).is_file() for name in (STUDY, SCORES, ABLATIONS, MULTIVERSE)):
         raise BadInput(f"{out} has no results: run the study first: python -m study.run all")
 
 
@@ -86,7 +87,7 @@ def read(out: Path) -> Evidence:
     """Read a results folder.
 
     Raises:
-        BadInput: there is no such folder, or it has neither a study nor ablations.
+        BadInput: there is no such folder, or it has no study, no ablations and no multiverse.
     """
     check_folder(out)
     problems: list[str] = []

@@ -6,6 +6,7 @@ from paper_figs.formatting import title
 from paper_figs.scores import environments
 from study.common.files import write_text
 from study.config.names import ENVIRONMENTS
+from study.multiverse.folder import FACTS as MULTIVERSE
 from study.page import (
     ablations,
     cell_settings,
@@ -45,7 +46,7 @@ def render_folder(out: Path) -> str:
 
 def render(evidence: Evidence) -> str:
     """The page of a study."""
-    drawings, problems = draw(evidence.out) if evidence.scores is not None else ({}, [])
+    drawings, problems = draw(evidence.out) if _has_figures(evidence) else ({}, [])
     claims, checks = effects.views(evidence.claims)
     different, every = settings_view.settings(evidence)
     tables = score_views.aggregate(evidence)
@@ -82,6 +83,10 @@ def render(evidence: Evidence) -> str:
             stages=settings_view.stages(evidence),
         )
     )
+
+
+def _has_figures(evidence: Evidence) -> bool:
+    return evidence.scores is not None or (evidence.out / MULTIVERSE).is_file()
 
 
 def _by_kind(drawings: dict[str, Drawing]) -> dict[str, list[Drawing]]:
