@@ -27,7 +27,7 @@ class Evidence:
     Attributes:
         out: the folder.
         name: of the study.
-        facts: of ``study.json``; empty without it.
+        facts: of ``study.json``, or else of ``multiverse.json``; empty without both.
         scores: of all cells; None without them.
         claims: of ``claims.json``.
         trials: of the searches for β; None without them.
@@ -65,6 +65,17 @@ class Evidence:
         return [str(name) for name in failed] if isinstance(failed, list) else []
 
     @property
+    def failures(self) -> list[str]:
+        """One line for each stage of a universe that failed."""
+        failures = self.facts.get("failures", [])
+        names = ("universe", "stage", "error")
+        return [
+            ": ".join(str(failure.get(name, "")) for name in names)
+            for failure in (failures if isinstance(failures, list) else [])
+            if isinstance(failure, Mapping)
+        ]
+
+    @property
     def failed_models(self) -> set[tuple[str, str, str]]:
         """Environment, level and model of the cells that failed."""
         parts = (tuple(name.split("/")) for name in self.failed)
@@ -94,6 +105,8 @@ def read(out: Path) -> Evidence:
     is_study = any((out / name).is_file() for name in (STUDY, SCORES))
     reader = _Reader(out, problems if is_study else [])
     facts = reader.read(STUDY, _mapping) or {}
+    if not facts and (out / MULTIVERSE).is_file():
+        facts = reader.read(MULTIVERSE, _mapping) or {}
     settings = facts.get("settings")
     settings = settings if isinstance(settings, Mapping) else {}
     evidence = Evidence(
