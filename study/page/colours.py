@@ -2,8 +2,9 @@
 
 INK, GROUND = 228, 20
 """Lightness of text and of the ground in the dark theme, from 0 to 255."""
-LEAST_LUMINANCE = 0.2
-"""Relative luminance of a hue in the dark theme, at least: a contrast of 4.5 to the ground."""
+LEAST_LUMINANCE = 0.15
+"""Relative luminance of a hue in the dark theme, at least: a contrast of more than 3 to the ground.
+Hues that are lighter still get too close to each other."""
 GREYEST = 24
 """Largest difference between red, green and blue of a grey."""
 
@@ -12,7 +13,7 @@ def themed(colour: str) -> str:
     """A colour for both themes: a grey changes sides, and a hue that is too dark becomes lighter.
 
     >>> themed("#d55e00"), themed("#332288"), themed("#e6e6e6")
-    ('#d55e00', 'light-dark(#332288, #7e74b4)', 'light-dark(#e6e6e6, #282828)')
+    ('#d55e00', 'light-dark(#332288, #7064ac)', 'light-dark(#e6e6e6, #282828)')
     """
     channels = [int(colour[start : start + 2], 16) for start in (1, 3, 5)]
     if set(channels) == {0}:

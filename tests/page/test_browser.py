@@ -222,17 +222,8 @@ def test_models_keep_their_colours_in_the_dark(open_page: Open, address: str) ->
         )
         colours[theme] = set(strokes) - {"none"}
     assert "rgb(213, 94, 0)" in colours["light"] & colours["dark"]
-    assert "rgb(0, 0, 0)" in colours["light"] - colours["dark"], "axes follow the theme"
-
-
-def test_a_bin_of_a_reliability_diagram_can_be_read(desktop: "Page") -> None:
-    area = desktop.locator("#figure-reliability_uav rect.step").first
-    area.scroll_into_view_if_needed()
-    area.click()
-    first, *lines = desktop.locator("#trace").inner_text().splitlines()
-    assert first.startswith("UAV, low epistemic, forecast probability 0.")
-    assert lines
-    assert all(": forecast 0." in line and ", observed " in line for line in lines)
+    assert "rgb(27, 31, 35)" in colours["light"] - colours["dark"], "axes have the colour of text"
+    assert "rgb(228, 231, 234)" in colours["dark"] - colours["light"]
 
 
 def test_a_claim_shows_its_figure_again(desktop: "Page") -> None:
