@@ -1,6 +1,8 @@
 """The main numbers of each cell, from the files of a results folder."""
 
+from collections.abc import Hashable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -28,10 +30,9 @@ def cell_scores(out: Path) -> dict[str, dict[str, float]]:
         & (scores["scenario"] >= 0)
     ]
     columns = ["environment", "level", "model", "seed", "metric"]
-    means = of_scenarios.groupby(columns, observed=True)["value"].mean()
-    for (environment, level, model, seed, metric), value in means.items():
-        name = f"{environment}/{level}/{model}/seed-{seed}"
-        numbers.setdefault(name, {})[str(metric)] = float(value)
+    means = of_scenarios.groupby(columns, observed=True)["value"].mean().reset_index()
+    for row in means.to_dict("records"):
+        numbers.setdefault(_cell(row), {})[str(row["metric"])] = float(row["value"])
     for name, beta in _betas(out).items():
         numbers.setdefault(name, {})["beta"] = beta
     return numbers
@@ -41,10 +42,11 @@ def _betas(out: Path) -> dict[str, float]:
     """The β of each fitted model; empty without a readable table of fits."""
     try:
         fits = pd.read_parquet(out / FITS)
-        return {
-            f"{row['environment']}/{row['level']}/{row['model']}/seed-{row['seed']}": row["beta"]
-            for row in fits.to_dict("records")
-            if pd.notna(row["beta"])
-        }
+        rows = [row for row in fits.to_dict("records") if pd.notna(row["beta"])]
+        return {_cell(row): float(row["beta"]) for row in rows}
     except (OSError, ValueError, KeyError):
         return {}
+
+
+def _cell(row: Mapping[Hashable, Any]) -> str:
+    return f"{row['environment']}/{row['level']}/{row['model']}/seed-{row['seed']}"

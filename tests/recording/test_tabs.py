@@ -1,17 +1,19 @@
 """The tabs of a recording's layout, and a layout in which one of them is open."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from study.common.errors import StudyError
 from study.recording.forecast import record_forecast
+from study.recording.properties import Properties
 from study.recording.reading import read_properties, reader
 from study.recording.tabs import Layout, scenario_numbers
 from study.recording.tuning import record_tuning
 from tests.helpers import recordings
 
-PROPERTIES = {"cell": "puck/low/vae/seed-0", "environment": "puck", "seed": 0}
+PROPERTIES: Properties = {"cell": "puck/low/vae/seed-0", "environment": "puck", "seed": 0}
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +59,6 @@ def test_a_recording_without_tabs(tmp_path: Path) -> None:
 
 
 def test_numbers_of_scenarios_are_those_of_the_panels(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     puck, path = recordings.Puck(), tmp_path / "forecast.rrd"
     first, second = recordings.examples(puck, 2)
     first = replace(first, description="Scenario 17 of the test set, chosen by this rule: *a*.")
