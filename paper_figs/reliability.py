@@ -53,24 +53,29 @@ def plot(results: Path) -> list[Path]:
         BadInput: there are no scores.
     """
     scores = read_scores(results)
-    probabilities = scores[
+    rows = probabilities(scores)
+    written = []
+    for environment in environments(rows):
+        stem = results / "figures" / f"reliability_{environment}"
+        part = rows[rows["environment"] == environment]
+        written += _plot_environment(part, environment, stem)
+    return written
+
+
+def probabilities(scores: pd.DataFrame) -> pd.DataFrame:
+    """The rows of scores with the forecast and observed probabilities of success."""
+    return scores[
         scores["metric"].isin(["forecast_probability", "observed_probability"])
         & (scores["scenario"] >= 0)
         & (scores["dimension"] == "all")
     ]
-    written = []
-    for environment in environments(probabilities):
-        stem = results / "figures" / f"reliability_{environment}"
-        part = probabilities[probabilities["environment"] == environment]
-        written += _plot_environment(part, environment, stem)
-    return written
 
 
 def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> list[Path]:
     palette = style.colours(models(scores))
     with mpl.rc_context(style.context()):
         level_names = levels(scores)
-        cells = [_forecasts(scores, environment, level) for level in level_names]
+        cells = [forecasts_by_model(scores, environment, level) for level in level_names]
         present = [model for model in models(scores) if any(model in cell for cell in cells)]
         figure, panels, strips = _layout(len(level_names), len(present))
         for level, cell, panel, strip in zip(level_names, cells, panels, strips, strict=True):
@@ -84,7 +89,7 @@ def _plot_environment(scores: pd.DataFrame, environment: str, stem: Path) -> lis
         return style.save(figure, stem)
 
 
-def _forecasts(scores: pd.DataFrame, environment: str, level: str) -> dict[str, Forecasts]:
+def forecasts_by_model(scores: pd.DataFrame, environment: str, level: str) -> dict[str, Forecasts]:
     """The forecasts of each model with scores at this level."""
     forecasts = {}
     for model in models(scores):

@@ -143,6 +143,7 @@ def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:
         parsing["nargs"] = "?"
     elif isinstance(kind, Flag) and is_required:
         parsing["required"] = True
-    if int in get_args(get_args(entry.type)[0]):
+    value_type = get_args(entry.type)[0]
+    if int in (value_type, *get_args(value_type)):
         parsing["type"] = _whole_number
     return parsing

@@ -1,4 +1,4 @@
-"""Command `figures`: write claims, tables and figures again, without training."""
+"""Command `figures`: write claims, tables, figures and the page again, without training."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from study.workflow.lock import locked
 DETAILS = """\
 Reads scores.parquet, trials.parquet, fits.parquet, study.json and illustrations/ of OUT, and trains
 nothing.
-Writes the verdicts on the claims, tables/, figures/ and their checksums in SHA256SUMS.
+Writes the verdicts on the claims, tables/, figures/, their checksums in SHA256SUMS, and index.html.
 
 examples
   python -m study.run figures
@@ -24,7 +24,7 @@ class Options(StudyOptions):
 
 
 def run(options: Options) -> int:
-    """Write claims, tables and figures, and print their paths.
+    """Write claims, tables, figures and the page, and print their paths.
 
     Raises:
         BadInput: there are no scores, or the folder is in use or not writable.
@@ -32,6 +32,7 @@ def run(options: Options) -> int:
     """
     import pandas as pd
 
+    from study.page.write import write_page
     from study.results import summary
 
     out = options.out
@@ -53,6 +54,8 @@ def run(options: Options) -> int:
         finally:  # if a figure fails, the other figures are written
             if has_checksums:
                 checksums.renew(out, (*summary.PLOTTED, summary.CLAIMS, summary.VERDICTS))
+            page = write_page(out)
+        paths.append(page)
     for path in paths:
         print(path)
     return 0
@@ -60,7 +63,7 @@ def run(options: Options) -> int:
 
 COMMAND = Command(
     "figures",
-    "write claims, tables and figures again, without training",
+    "write claims, tables, figures and the page again, without training",
     Options,
     run,
     DETAILS,

@@ -8,7 +8,7 @@ from study.commands.command import Argument, Command, Flag
 
 DETAILS = """\
 The studies differ in their seeds alone. All files are checked first. Nothing is trained: tables,
-figures, claims and the recording of the study are written from the scores of all seeds.
+figures, claims, the recording of the study and its page are written from the scores of all seeds.
 
 examples
   python -m study.run all --config configs/paper.yaml --grid.seeds '[0]' --out results/one
@@ -31,10 +31,12 @@ class Options:
 
 def run(options: Options) -> int:
     """Join the studies, and print the new results folder."""
+    from study.page.write import write_page
     from study.results.join import join
 
     folders = [Path(folder) for folder in options.folders]
     join(folders, options.out)
+    write_page(options.out)
     print(options.out)
     return 0
 

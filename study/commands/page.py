@@ -41,6 +41,8 @@ def run(options: Options) -> int:
 
     target = options.other or options.out
     check_folder(target)
+    if options.other is not None and options.other.resolve() == options.out.resolve():
+        raise BadInput(f"'{options.out}' and '{options.other}' are one folder; give two folders")
     if problem := why_not_writable(target):
         raise BadInput(f"cannot write to '{target}': {problem}")
     print(write_comparison(options.out, target) if options.other else write_page(target))

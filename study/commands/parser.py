@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 
 from study.commands import (
     ablate,
+    catalog,
     compare,
     export,
     figures,
@@ -35,6 +36,7 @@ MODULES = (
     figures,
     page,
     serve,
+    catalog,
     view,
     compare,
     portrait,

@@ -78,14 +78,12 @@ def cells(evidence: Evidence) -> Table:
         if len(parts) != 4:
             continue
         environment, level, model, seed = parts
+        scores = cell_rows(evidence, name)
         table.append(
             [
                 text(name),
                 Value("failed" if name in evidence.failed else "complete"),
-                *(
-                    _score(evidence, metric, environment, level, model, seed)
-                    for metric in ("mmd2", "brier")
-                ),
+                *(_score(scores, metric, name) for metric in ("mmd2", "brier")),
                 figure(_beta(evidence, environment, level, model, seed), "fits.parquet: beta", 1),
                 Value("", links=_links(evidence.recordings, name)),
             ]
@@ -113,28 +111,30 @@ def _seed(text_of_seed: str) -> float | None:
     return float(number) if number.isdigit() else None
 
 
-def _score(
-    evidence: Evidence, metric: str, environment: str, level: str, model: str, seed: str
-) -> Value:
-    """The mean over the scenarios of one cell."""
-    if evidence.scores is None:
-        return figure(None)
+def cell_rows(evidence: Evidence, name: str) -> pd.DataFrame | None:
+    """The scores of one cell for each scenario, over all dimensions and steps; None without any."""
+    parts = name.split("/")
+    if evidence.scores is None or len(parts) != 4:
+        return None
+    environment, level, model, seed = parts
     scores = evidence.scores
-    values = scores.loc[
-        (scores["metric"] == metric)
-        & (scores["environment"] == environment)
+    return scores[
+        (scores["environment"] == environment)
         & (scores["level"] == level)
         & (scores["model"] == model)
         & (scores["seed"] == _seed(seed))
         & (scores["dimension"] == "all")
         & (scores["step"] == -1)
-        & (scores["scenario"] >= 0),
-        "value",
+        & (scores["scenario"] >= 0)
     ]
-    trace = (
-        f"{environment}/{level}/{model}/{seed}: mean over n = {len(values)} scenarios\n"
-        f"scores.parquet: metric = {metric}"
-    )
+
+
+def _score(scores: pd.DataFrame | None, metric: str, name: str) -> Value:
+    """The mean over the scenarios of one cell."""
+    if scores is None:
+        return figure(None)
+    values = scores.loc[scores["metric"] == metric, "value"]
+    trace = f"{name}: mean over n = {len(values)} scenarios\nscores.parquet: metric = {metric}"
     return figure(float(values.mean()) if len(values) else None, trace, 4)
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 from paper_figs.scores import read_scores
 from study.common.errors import BadInput, StudyError
 from study.common.files import read_json
+from study.multiverse.folder import FACTS as MULTIVERSE
 from study.results import checksums, timings
 from study.results.folder import STUDY
 from study.results.summary import CLAIMS, FITS, SCORES, TRIALS
@@ -26,7 +27,7 @@ class Evidence:
     Attributes:
         out: the folder.
         name: of the study.
-        facts: of ``study.json``; empty without it.
+        facts: of ``study.json``, or else of ``multiverse.json``; empty without both.
         scores: of all cells; None without them.
         claims: of ``claims.json``.
         trials: of the searches for β; None without them.
@@ -64,6 +65,17 @@ class Evidence:
         return [str(name) for name in failed] if isinstance(failed, list) else []
 
     @property
+    def failures(self) -> list[str]:
+        """One line for each stage of a universe that failed."""
+        failures = self.facts.get("failures", [])
+        names = ("universe", "stage", "error")
+        return [
+            ": ".join(str(failure.get(name, "")) for name in names)
+            for failure in (failures if isinstance(failures, list) else [])
+            if isinstance(failure, Mapping)
+        ]
+
+    @property
     def failed_models(self) -> set[tuple[str, str, str]]:
         """Environment, level and model of the cells that failed."""
         parts = (tuple(name.split("/")) for name in self.failed)
@@ -74,11 +86,11 @@ def check_folder(out: Path) -> None:
     """Check that a folder has results.
 
     Raises:
-        BadInput: there is no such folder, or it has neither a study nor ablations.
+        BadInput: there is no such folder, or it has no study, no ablations and no multiverse.
     """
     if not out.is_dir():
         raise BadInput(f"there is no folder {out}: give the results folder of a study")
-    if not any((out / name).is_file() for name in (STUDY, SCORES, ABLATIONS)):
+    if not any((out / name).is_file() for name in (STUDY, SCORES, ABLATIONS, MULTIVERSE)):
         raise BadInput(f"{out} has no results: run the study first: python -m study.run all")
 
 
@@ -86,13 +98,15 @@ def read(out: Path) -> Evidence:
     """Read a results folder.
 
     Raises:
-        BadInput: there is no such folder, or it has neither a study nor ablations.
+        BadInput: there is no such folder, or it has no study, no ablations and no multiverse.
     """
     check_folder(out)
     problems: list[str] = []
     is_study = any((out / name).is_file() for name in (STUDY, SCORES))
     reader = _Reader(out, problems if is_study else [])
     facts = reader.read(STUDY, _mapping) or {}
+    if not facts and (out / MULTIVERSE).is_file():
+        facts = reader.read(MULTIVERSE, _mapping) or {}
     settings = facts.get("settings")
     settings = settings if isinstance(settings, Mapping) else {}
     evidence = Evidence(

@@ -11,28 +11,38 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib as mpl
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from paper_figs import outcome_tables, posteriors, score_tables, tables_1_2_brier
+from paper_figs import (
+    outcome_tables,
+    posteriors,
+    score_tables,
+    specification_curve,
+    tables_1_2_brier,
+)
 from paper_figs.all import SCRIPTS as ALL_SCRIPTS
 from paper_figs.scores import read_scores
 from study.common.errors import StudyError
 from study.common.plugins import reason
 from study.config.names import label
-from study.page.hover import Hover, mmd_steps
+from study.multiverse import folder as multiverse
+from study.page.colours import themed
+from study.page.hover import Hover, hovers
 from study.plotting import style
 from study.results.folder import STUDY
 from study.results.summary import FITS, SCORES, TRIALS
 
+_COLOUR = re.compile(r"(fill|stroke): (#[0-9a-fA-F]{6})\b")
 TABLES = (tables_1_2_brier, outcome_tables, score_tables, posteriors)
 SCRIPTS = [script for script in ALL_SCRIPTS if script not in TABLES]
 """The scripts that draw figures."""
 POINTS_PER_INCH = 72
-NEUTRAL = {"#000000": "currentColor", "#e6e6e6": "var(--grid)"}
-"""Colours that follow the theme of the page."""
+FILES = (SCORES, TRIALS, FITS, STUDY, multiverse.FACTS, multiverse.EFFECTS, multiverse.CELLS)
+"""The files of a results folder that the scripts read."""
 
 KINDS = {
     "mmd": (
@@ -75,6 +85,16 @@ KINDS = {
         "Validation MMD² of each trial over β, for each model, environment and level. A ring marks "
         "the chosen β.",
     ),
+    "specification": (
+        "Specification curve",
+        "The effect of a claim in each universe of the multiverse with its 95 % interval, in "
+        "ascending order, in the colour of the verdict. Dots below show which value of each choice "
+        "a universe has.",
+    ),
+    "verdicts": (
+        "Verdicts in all universes",
+        "The share of universes with each verdict, for every claim.",
+    ),
 }
 """Title and alt text of each kind of figure."""
 
@@ -88,32 +108,40 @@ class Drawing:
         title: what it shows, in a few words.
         alt: what it shows, in a sentence or two.
         svg: the figure.
+        view: its coordinates, as the attribute `viewBox` of an SVG.
     """
 
     name: str
     title: str
     alt: str
     svg: Markup
+    view: str
+
+
+def scripts(out: Path) -> list[ModuleType]:
+    """The scripts that can draw a figure from the files of a results folder."""
+    has_scores = (out / SCORES).is_file()
+    return [s for s in SCRIPTS if has_scores or s is specification_curve]
 
 
 def draw(out: Path) -> tuple[dict[str, Drawing], list[str]]:
     """All figures of a results folder by name, and one line for each that could not be drawn."""
     drawings: dict[str, Drawing] = {}
-    hovers = dict(_hovers(out))
+    areas = dict(_hovers(out))
 
     def write(figure: Figure, stem: Path) -> list[Path]:
-        drawings[stem.name] = _drawing(figure, stem.name, hovers.get(stem.name))
+        drawings[stem.name] = _drawing(figure, stem.name, areas.get(stem.name, ()))
         return []
 
     problems = []
     with tempfile.TemporaryDirectory(prefix="study-page-") as temporary, style.written_by(write):
         copy = Path(temporary)
-        for name in (SCORES, TRIALS, FITS, STUDY):
+        for name in FILES:
             if (out / name).is_file():
                 shutil.copyfile(out / name, copy / name)
         if (out / "illustrations").is_dir():
             shutil.copytree(out / "illustrations", copy / "illustrations")
-        for script in SCRIPTS:
+        for script in scripts(out):
             try:
                 script.plot(copy)
             except Exception as error:  # one damaged file must not remove the other figures
@@ -131,7 +159,7 @@ def kind_and_subject(name: str) -> tuple[str, str]:
 
 def _hovers(out: Path) -> Iterator[tuple[str, Hover]]:
     try:
-        yield from mmd_steps(read_scores(out))
+        yield from hovers(read_scores(out))
     except StudyError:
         return
 
@@ -141,10 +169,12 @@ def slug(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "-", name)
 
 
-def _drawing(figure: Figure, name: str, hover: Hover | None) -> Drawing:
+def _drawing(figure: Figure, name: str, hover: Hover) -> Drawing:
     kind, subject = kind_and_subject(name)
     title, alt = KINDS.get(kind, (name.replace("_", " "), name.replace("_", " ")))
-    if subject:
+    if kind == "specification":
+        title = f"{title}: {subject}"
+    elif subject:
         title, alt = f"{title}, {label(subject)}", f"{label(subject)}. {alt}"
     figure.draw_without_rendering()  # the layout, which positions on hover need
     figure.set_layout_engine("none")
@@ -153,31 +183,33 @@ def _drawing(figure: Figure, name: str, hover: Hover | None) -> Drawing:
         figure.savefig(
             stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None}
         )
-    areas = _areas(figure, hover) if hover else ""
-    svg = _inline(stream.getvalue(), slug(name), alt, areas)
-    return Drawing(name, title, alt, Markup(svg))
+    view, svg = _inline(stream.getvalue(), slug(name), alt, _areas(figure, hover))
+    return Drawing(name, title, alt, Markup(svg), view)
 
 
 def _areas(figure: Figure, hover: Hover) -> str:
-    """An invisible area for each step, whose title is shown on hover and tap."""
-    axes = figure.axes[0]
+    """Invisible areas, whose titles are shown on hover and tap."""
     scale = POINTS_PER_INCH / figure.dpi
     height = figure.get_figheight() * POINTS_PER_INCH
-    box = axes.get_window_extent()
-    top, tall = height - box.y1 * scale, box.height * scale
     areas = []
-    for step, text in hover.items():
-        (left, _), (right, _) = axes.transData.transform([(step - 0.5, 0), (step + 0.5, 0)])
+    for area in hover:
+        axes = figure.axes[area.panel]
+        box = axes.get_window_extent()
+        (left, _), (right, _) = axes.transData.transform([(area.left, 0), (area.right, 0)])
         areas.append(
-            f'<rect class="step" x="{left * scale:.1f}" y="{top:.1f}" '
-            f'width="{(right - left) * scale:.2f}" height="{tall:.1f}">'
-            f"<title>{escape(text)}</title></rect>"
+            f'<rect class="step" x="{left * scale:.1f}" y="{height - box.y1 * scale:.1f}" '
+            f'width="{(right - left) * scale:.2f}" height="{box.height * scale:.1f}">'
+            f"<title>{escape(area.text)}</title></rect>"
         )
     return "".join(areas)
 
 
-def _inline(svg: str, name: str, alt: str, areas: str) -> str:
-    """An SVG file as an element of the page: unique names, colours of the theme, an alt text."""
+def _inline(svg: str, name: str, alt: str, areas: str) -> tuple[str, str]:
+    """An SVG file as an element of the page: unique names, colours of the theme, an alt text.
+
+    Returns:
+        its coordinates and the element.
+    """
     body = svg[svg.index("<svg") :]
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
     box = re.search(r'viewBox="([^"]+)"', body)
@@ -193,12 +225,12 @@ def _inline(svg: str, name: str, alt: str, areas: str) -> str:
 
     body = re.sub(r' id="([^"]+)"', named, body)
     body = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", body)
-    for colour, themed in NEUTRAL.items():
-        body = re.sub(rf"(fill|stroke): {colour}", rf"\1: {themed}", body, flags=re.IGNORECASE)
+    body = _COLOUR.sub(lambda found: f"{found[1]}: {themed(found[2])}", body)
     body = re.sub(r"(\d\.\d\d)\d+", r"\1", body)
     body = re.sub(r"\n\s*", "\n", body)
     view = box.group(1) if box else "0 0 100 100"
-    return (
+    # Other elements of the page show the same figure through the name of its group.
+    return view, (
         f'<svg class="figure" viewBox="{view}" role="img" aria-label="{escape(alt)}" '
-        f'xmlns:xlink="http://www.w3.org/1999/xlink">{body}{areas}</svg>'
+        f'xmlns:xlink="http://www.w3.org/1999/xlink"><g id="{name}-whole">{body}</g>{areas}</svg>'
     )

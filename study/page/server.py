@@ -14,15 +14,18 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Lock
 from typing import Any
-from urllib.parse import quote, unquote, urlsplit
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from study.common.errors import BadInput, StudyError, explain
 from study.page.write import NAME, render_folder
+from study.recording.tabs import Layout
 from study.recording.viewer import LOCALHOST
 from study.recording.web_viewer import WebFile, web_viewer
 from study.results import checksums
 
 VIEWER = "viewer"
+LAYOUTS = "layouts"
+"""Address of the layouts of recordings that open a tab: layouts/TAB/NAME.rbl."""
 PUBLIC = {NAME, "README.md", "ablations.json", checksums.NAME, *checksums.FILES, *checksums.FOLDERS}
 """The files and folders of a results folder that are served."""
 TYPES = {
@@ -31,6 +34,7 @@ TYPES = {
     ".md": "text/plain; charset=utf-8",
     ".pdf": "application/pdf",
     ".png": "image/png",
+    ".rbl": "application/octet-stream",
     ".tex": "text/plain; charset=utf-8",
 }
 HEADERS = {
@@ -116,10 +120,23 @@ class Server(ThreadingHTTPServer):
                 return self.viewer["index.html"]
             if name.startswith(f"{VIEWER}/"):
                 return self.viewer.get(name.removeprefix(f"{VIEWER}/"))
+        if name.startswith(f"{LAYOUTS}/"):
+            return self._layout(name.removeprefix(f"{LAYOUTS}/"))
         path = self._file(name)
         if path is None:
             return None
         return WebFile(path.read_bytes(), TYPES.get(path.suffix, "application/octet-stream"))
+
+    def _layout(self, name: str) -> WebFile | None:
+        """The layout of a recording with a tab open; None if there is no such tab."""
+        tab, _, rest = name.partition("/")
+        path = self._file(rest.removesuffix(".rbl") + ".rrd")
+        if path is None or not rest.endswith(".rbl") or not _is_number(tab):
+            return None
+        layout = Layout(path)
+        if int(tab) >= len(layout.tabs):
+            return None
+        return WebFile(layout.opened(int(tab)), TYPES[".rbl"])
 
     def _file(self, name: str) -> Path | None:
         """A file of the study; None outside the folder, for hidden files and other files."""
@@ -198,11 +215,21 @@ class Handler(BaseHTTPRequestHandler):
         return None if bad else name
 
     def _open_in_viewer(self, name: str) -> None:
-        """Send a browser that follows a link to a recording to the viewer."""
-        recording = f"{self.server.address}{quote(name)}"
+        """Send a browser that follows a link to a recording to the viewer.
+
+        A link with `?tab=NUMBER` opens this tab. Of several layouts the viewer uses the first.
+        """
+        names = [name]
+        (tab,) = parse_qs(urlsplit(self.path).query).get("tab", [""])[:1]
+        if _is_number(tab):
+            names.insert(0, f"{LAYOUTS}/{tab}/{name.removesuffix('.rrd')}.rbl")
+        addresses = [quote(f"{self.server.address}{quote(part)}", safe="") for part in names]
+        query = "&".join(f"url={address}" for address in addresses)
         self.send_response(HTTPStatus.SEE_OTHER)
-        self.send_header(
-            "Location", f"/{self.server.token}/{VIEWER}/?url={quote(recording, safe='')}"
-        )
+        self.send_header("Location", f"/{self.server.token}/{VIEWER}/?{query}")
         self.send_header("Content-Length", "0")
         self.end_headers()
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) < 4

@@ -32,6 +32,11 @@ class Value:
     kind: str = ""
     links: Sequence[tuple[str, str]] = ()
 
+    @property
+    def plain(self) -> str:
+        """The entry in a file: its text, or the texts of its links."""
+        return self.text or ", ".join(name for name, _ in self.links)
+
 
 @dataclass(frozen=True)
 class Table:
@@ -66,7 +71,7 @@ class Table:
 
     @property
     def _download_rows(self) -> Iterable[Sequence[Any]]:
-        return self.download or [self.heads, *([v.text for v in row] for row in self.rows)]
+        return self.download or [self.heads, *([v.plain for v in row] for row in self.rows)]
 
 
 def text(value: object, **attributes: Any) -> Value:

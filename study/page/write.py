@@ -6,7 +6,17 @@ from paper_figs.formatting import title
 from paper_figs.scores import environments
 from study.common.files import write_text
 from study.config.names import ENVIRONMENTS
-from study.page import ablations, cells, effects, score_views, settings_view
+from study.multiverse.folder import FACTS as MULTIVERSE
+from study.page import (
+    ablations,
+    cell_settings,
+    cells,
+    effects,
+    outcomes,
+    scenarios,
+    score_views,
+    settings_view,
+)
 from study.page.environment import templates
 from study.page.evidence import Evidence, read
 from study.page.figures import KINDS, Drawing, draw, kind_and_subject
@@ -36,7 +46,7 @@ def render_folder(out: Path) -> str:
 
 def render(evidence: Evidence) -> str:
     """The page of a study."""
-    drawings, problems = draw(evidence.out) if evidence.scores is not None else ({}, [])
+    drawings, problems = draw(evidence.out) if _has_figures(evidence) else ({}, [])
     claims, checks = effects.views(evidence.claims)
     different, every = settings_view.settings(evidence)
     tables = score_views.aggregate(evidence)
@@ -58,11 +68,14 @@ def render(evidence: Evidence) -> str:
             drawings=drawings,
             by_kind=_by_kind(drawings),
             brier=list(score_views.brier(evidence)),
+            outcomes=list(outcomes.tables(evidence)),
             models=list(cells.side_by_side(evidence, tables)),
             cells=cells.cells(evidence),
+            scenarios=scenarios.table(evidence),
             shared_recordings=cells.shared_recordings(evidence.recordings),
             scores=score_views.all_scores(tables),
             fits=cells.fits(evidence),
+            settings_of_cells=cell_settings.table(evidence),
             settings_different=different,
             settings_all=every,
             versions=settings_view.versions(evidence),
@@ -70,6 +83,10 @@ def render(evidence: Evidence) -> str:
             stages=settings_view.stages(evidence),
         )
     )
+
+
+def _has_figures(evidence: Evidence) -> bool:
+    return evidence.scores is not None or (evidence.out / MULTIVERSE).is_file()
 
 
 def _by_kind(drawings: dict[str, Drawing]) -> dict[str, list[Drawing]]:

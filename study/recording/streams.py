@@ -3,6 +3,8 @@
 The module uses no global state of Rerun, so several recordings can be open at once.
 """
 
+import hashlib
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +20,8 @@ from study.plotting.palette import Colour
 from study.recording.integrity import writing
 from study.recording.properties import Properties, write_properties
 
+PREFIX = "study_"
+"""The start of the application id of a recording."""
 HEADER = 12
 """Length of the header of a recording, in bytes."""
 INDEX = 0
@@ -32,7 +36,18 @@ def application_id(kind: str, properties: Properties) -> str:
     blueprint.
     """
     shared = str(properties.get("environment", _subject(properties))).split("/")[0]
-    return "_".join(filter(None, ("study", kind, shared)))
+    return PREFIX + "_".join(filter(None, (kind, shared)))
+
+
+def recording_id(kind: str, properties: Properties) -> str:
+    """Rerun's id of a recording, from its name and a digest of its properties.
+
+    The properties have the settings and the source. So the id is unique to the cell, the kind and
+    the study, and a recording that is written again has the same id.
+    """
+    content = json.dumps(dict(properties), sort_keys=True, default=str)
+    digest = hashlib.sha256(content.encode()).hexdigest()[:12]
+    return "/".join(filter(None, (_subject(properties), kind, digest)))
 
 
 def recording_name(kind: str, properties: Properties) -> str:
@@ -68,7 +83,11 @@ def recording(
         OSError: the recording cannot be written.
         StudyError: what was written cannot be read back.
     """
-    stream = rr.RecordingStream(application_id(kind, properties), send_properties=True)
+    stream = rr.RecordingStream(
+        application_id(kind, properties),
+        recording_id=recording_id(kind, properties),
+        send_properties=True,
+    )
     # Each row names its timeline, so Rerun's own timelines are not needed.
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)

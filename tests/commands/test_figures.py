@@ -1,4 +1,4 @@
-"""Tables and figures again: the checksums of everything else stay as they are."""
+"""Tables, figures and the page again: the checksums of everything else stay as they are."""
 
 from pathlib import Path
 
@@ -15,6 +15,7 @@ def test_checksums_are_renewed(copied: Path) -> None:
     table = next((copied / "tables").glob("*.md"))
     table.write_text("nothing\n")
     (copied / "figures" / "old.png").write_bytes(b"of an earlier version")
+    (copied / "index.html").write_text("of an earlier version")
     assert study("figures", "--out", copied).code == 0
     assert files(copied) == before
     assert study("verify", copied).code == 0

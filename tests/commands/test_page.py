@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from tests.helpers.running import study
 from tests.helpers.synthetic import scores
@@ -31,6 +32,21 @@ def test_a_folder_without_results(tmp_path: Path) -> None:
         assert done.err.startswith("error: ")
         assert done.err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["one"]
+
+
+def test_a_folder_is_not_compared_with_itself(tmp_path: Path) -> None:
+    one = folder(tmp_path / "one")
+    done = study("page", one, tmp_path / "one" / ".." / "one")
+    assert done.code == 2
+    assert "are one folder; give two folders" in done.err
+    assert [path.name for path in one.iterdir()] == ["scores.parquet"]
+
+
+@pytest.mark.parametrize("command", ["serve", "catalog"])
+def test_a_port_is_a_number(command: str, tmp_path: Path) -> None:
+    done = study(command, "--out", tmp_path, "--port", "x")
+    assert done.code == 2
+    assert done.err == "error: --port: got 'x'; it must be a whole number\n"
 
 
 def test_serve_refuses_a_folder_without_results(tmp_path: Path) -> None:

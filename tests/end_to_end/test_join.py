@@ -35,6 +35,7 @@ def test_it_is_what_one_run_of_all_seeds_leaves(apart: list[Path], tmp_path: Pat
     assert len(joined) > 30
     assert joined == results(together) | files(together, "figures/*")
     assert study("verify", tmp_path / "joined").code == 0
+    assert (tmp_path / "joined" / "index.html").is_file()
     timings = read_json(tmp_path / "joined" / "timings.json")
     assert (
         timings["seconds"].keys() == read_json(tmp_path / "together/timings.json")["seconds"].keys()

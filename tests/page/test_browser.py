@@ -4,7 +4,7 @@
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,6 +16,8 @@ from PIL import Image
 from study.config.names import FULL
 from study.page.server import Server
 from study.page.write import write_page
+from study.recording.forecast import record_forecast
+from tests.helpers import recordings
 from tests.helpers.browser import browser
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.browser
 
 SIZES = {"phone": (390, 844), "desktop": (1440, 1000)}
+SMALL = {"small": (900, 600)}
 SERIOUS = {"serious", "critical"}
 LEAST_COLOURS = 200
 """Distinct colours of a picture that is not blank."""
@@ -45,9 +48,8 @@ def address(published: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
 class Watched:
     """A page, with the messages of its console and the addresses that it asks for."""
 
-    def __init__(self, chromium: "Browser", **options: Any) -> None:
-        self.context = chromium.new_context(**options)
-        self.page: Page = self.context.new_page()
+    def __init__(self, page: "Page") -> None:
+        self.page = page
         self.errors: list[str] = []
         self.requests: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -59,6 +61,7 @@ class Watched:
 
 
 Theme = Literal["light", "dark"]
+Open = Callable[..., Watched]
 
 
 @pytest.fixture(params=["light", "dark"])
@@ -68,23 +71,36 @@ def theme(request: pytest.FixtureRequest) -> Theme:
 
 
 @pytest.fixture
-def desktop(chromium: "Browser", address: str) -> "Iterator[Page]":
-    width, height = SIZES["desktop"]
-    watched = Watched(chromium, viewport={"width": width, "height": height})
-    watched.page.goto(address)
+def open_page(chromium: "Browser") -> Iterator[Open]:
+    """Opens an address in a context of its own, which is closed after the test."""
+    contexts = []
+
+    def opened(address: str, size: str = "desktop", **options: Any) -> Watched:
+        width, height = (SIZES | SMALL)[size]
+        context = chromium.new_context(viewport={"width": width, "height": height}, **options)
+        contexts.append(context)
+        watched = Watched(context.new_page())
+        watched.page.goto(address)
+        return watched
+
+    yield opened
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def desktop(open_page: Open, address: str) -> "Iterator[Page]":
+    watched = open_page(address)
     yield watched.page
     assert watched.errors == []
-    watched.context.close()
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_it_is_readable_at_both_widths_and_in_both_themes(
-    chromium: "Browser", address: str, theme: Theme, size: str
+    open_page: Open, address: str, theme: Theme, size: str
 ) -> None:
-    width, height = SIZES[size]
-    watched = Watched(chromium, viewport={"width": width, "height": height}, color_scheme=theme)
-    page = watched.page
-    page.goto(address)
+    watched = open_page(address, size, color_scheme=theme)
+    page, (width, _) = watched.page, SIZES[size]
     _keep(page, f"page_{theme}_{size}")
     assert page.evaluate("document.documentElement.scrollWidth") == width, "nothing is cut off"
     for section in page.query_selector_all("section"):
@@ -96,25 +112,18 @@ def test_it_is_readable_at_both_widths_and_in_both_themes(
     assert (red < 60) == (theme == "dark")
     assert watched.errors == []
     assert watched.requests == [address], "no request but for the page"
-    watched.context.close()
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_accessibility_without_serious_findings(
-    chromium: "Browser", address: str, theme: Theme, size: str
+    open_page: Open, address: str, theme: Theme, size: str
 ) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
-    width, height = SIZES[size]
     # The policy of the page forbids every script but its own, and so that of the checker.
-    context = chromium.new_context(
-        viewport={"width": width, "height": height}, color_scheme=theme, bypass_csp=True
-    )
-    page = context.new_page()
-    page.goto(address)
+    page = open_page(address, size, color_scheme=theme, bypass_csp=True).page
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     found = Axe().run(page).response["violations"]
-    context.close()
     serious = [
         (rule["id"], node["target"], node["failureSummary"])
         for rule in found
@@ -203,17 +212,45 @@ def test_in_print_every_claim_is_unfolded_on_white(desktop: "Page") -> None:
     assert ground in ("rgb(255, 255, 255)", "rgba(0, 0, 0, 0)")
 
 
+def test_models_keep_their_colours_in_the_dark(open_page: Open, address: str) -> None:
+    """Vermilion and orange, of the full VAE and the full CRPS, stay apart."""
+    colours = {}
+    for theme in ("light", "dark"):
+        page = open_page(address, color_scheme=theme).page
+        strokes = page.eval_on_selector_all(
+            "#figure-mmd_uav path", "(all) => all.map((path) => getComputedStyle(path).stroke)"
+        )
+        colours[theme] = set(strokes) - {"none"}
+    assert "rgb(213, 94, 0)" in colours["light"] & colours["dark"]
+    assert "rgb(27, 31, 35)" in colours["light"] - colours["dark"], "axes have the colour of text"
+    assert "rgb(228, 231, 234)" in colours["dark"] - colours["light"]
+
+
+def test_a_claim_shows_its_figure_again(desktop: "Page") -> None:
+    claim = desktop.locator("details.claim:has(use)").first
+    claim.locator("summary").click()
+    figure = claim.locator("svg.figure use")
+    box = figure.bounding_box()
+    assert box is not None
+    assert min(box["width"], box["height"]) > 100
+
+
 @pytest.mark.slow
-def test_a_recording_opens_in_the_viewer_of_the_package(
-    chromium: "Browser", published: Path, tmp_path: Path
+def test_a_link_opens_the_scenario_in_the_viewer_of_the_package(
+    open_page: Open, tmp_path: Path
 ) -> None:
-    with Server(published, page=lambda out: f"<a href='{RECORDING}'>open</a>") as server:
+    recording = tmp_path / "out" / RECORDING
+    recording.parent.mkdir(parents=True)
+    puck = recordings.Puck()
+    record_forecast(recording, puck, recordings.examples(puck, 2), {"cell": "a/b/c/seed-0"})
+    link = f"{RECORDING}?tab=1"
+    with Server(tmp_path / "out", page=lambda out: f"<a href='{link}'>open</a>") as server:
         thread = Thread(target=server.serve_forever, daemon=True)
         thread.start()
-        watched = Watched(chromium, viewport={"width": 900, "height": 600})
-        watched.page.goto(server.address)
+        watched = open_page(server.address, "small")
         watched.page.click("text=open")
         watched.page.wait_for_selector("canvas", timeout=60_000)
+        layout = f"{server.address}layouts/1/{RECORDING.replace('.rrd', '.rbl')}"
         for _ in range(60):
             watched.page.wait_for_timeout(500)
             watched.page.screenshot(path=tmp_path / "viewer.png")
@@ -222,11 +259,13 @@ def test_a_recording_opens_in_the_viewer_of_the_package(
         _keep(watched.page, "viewer")
         server.shutdown()
         assert _is_drawn(tmp_path)
+        assert watched.requests.index(layout) < watched.requests.index(
+            server.address + RECORDING, 3
+        ), "the viewer uses the first layout"
         assert all(url.startswith((server.address, "blob:")) for url in watched.requests)
-        watched.context.close()
 
 
-RECORDING = f"recordings/uav/low/{FULL}/seed-0/tuning.rrd"
+RECORDING = f"recordings/uav/low/{FULL}/seed-0/forecast.rrd"
 
 
 def _is_drawn(folder: Path) -> bool:

@@ -13,7 +13,9 @@ import pytest
 from study.common.errors import BadInput, StudyError
 from study.config.names import FULL
 from study.page.server import Server
+from study.recording.forecast import record_forecast
 from study.recording.web_viewer import FILES, WebFile, web_viewer
+from tests.helpers import recordings
 from tests.helpers.running import files
 
 RECORDING = f"recordings/uav/low/{FULL}/seed-0/tuning.rrd"
@@ -81,6 +83,27 @@ def test_a_link_to_a_recording_opens_the_viewer(server: Server) -> None:
     assert status == 303
     address = quote(f"{server.address}{RECORDING}", safe="")
     assert headers["Location"] == below(server, f"viewer/?url={address}")
+
+
+def test_a_link_to_a_tab_sends_its_layout_first(server: Server) -> None:
+    puck, name = recordings.Puck(), RECORDING.replace("tuning", "forecast")
+    record_forecast(server.out / name, puck, recordings.examples(puck, 2), {})
+    navigate = {"Sec-Fetch-Mode": "navigate"}
+    status, headers, _ = ask(server, below(server, f"{name}?tab=1"), headers=navigate)
+    layout = f"layouts/1/{name.replace('.rrd', '.rbl')}"
+    first, second = (quote(f"{server.address}{part}", safe="") for part in (layout, name))
+    assert status == 303
+    assert headers["Location"] == below(server, f"viewer/?url={first}&url={second}")
+    status, _, content = ask(server, below(server, layout))
+    assert (status, content[:4]) == (200, b"RRF2")
+
+
+@pytest.mark.parametrize("tab", ["", "x", "-1", "99999", "1&tab=2", "%2e%2e"])
+def test_a_tab_that_does_not_exist(server: Server, tab: str) -> None:
+    for name in (RECORDING, RECORDING.replace("tuning", "none"), "../secret.rrd"):
+        layout = f"layouts/{tab}/{name.replace('.rrd', '.rbl')}"
+        assert ask(server, below(server, layout))[0] == 404
+    assert ask(server, below(server, f"layouts/0/{RECORDING}"))[0] == 404
 
 
 def test_it_listens_on_the_loopback_interface(server: Server) -> None:

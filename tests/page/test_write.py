@@ -2,6 +2,7 @@
 
 import html
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import pytest
 from study.common.errors import BadInput
 from study.common.files import read_json, write_json
 from study.config.names import FULL
+from study.multiverse import folder
 from study.page.write import NAME, write_page
+from tests.helpers.multiverse import multiverse
 from tests.helpers.running import files
 from tests.helpers.synthetic import scores
 from tests.page.conftest import FAILED, write_study
@@ -140,10 +143,10 @@ def test_names_that_are_html_are_text(tmp_path: Path) -> None:
     table = scores(seeds=1)
     table = table[(table.environment == "uav")].assign(environment=EVIL)
     table = table.replace({"model": {FULL: f"{EVIL}&{{{{7*7}}}}"}})
-    folder = write_study(tmp_path / "evil", table, name=EVIL)
-    facts = read_json(folder / "study.json")
-    write_json(folder / "study.json", facts | {"failed": [f"{EVIL}/low/a/seed-0"], "device": EVIL})
-    text = write_page(folder).read_text(encoding="utf-8")
+    out = write_study(tmp_path / "evil", table, name=EVIL)
+    facts = read_json(out / "study.json")
+    write_json(out / "study.json", facts | {"failed": [f"{EVIL}/low/a/seed-0"], "device": EVIL})
+    text = write_page(out).read_text(encoding="utf-8")
     assert EVIL not in text
     assert html.escape(EVIL) in text.replace("&#34;", "&quot;").replace("&#39;", "&#x27;")
     assert [tag for tag, _ in Page(text).elements].count("img") == 0
@@ -168,9 +171,37 @@ def test_a_study_with_scores_alone(published: Path, tmp_path: Path) -> None:
     assert 'id="figure-mmd_uav"' in text
 
 
+def test_a_multiverse_shows_its_specification_curves_and_failures(tmp_path: Path) -> None:
+    found = multiverse()
+    folder.write(replace(found, facts={"settings": {"name": EVIL}}), tmp_path)
+    text = write_page(tmp_path).read_text(encoding="utf-8")
+    sections = [attributes["id"] for tag, attributes in Page(text).elements if tag == "section"]
+    assert sections[:2] == ["question", "multiverse"]
+    assert text.count('id="figure-specification_') == 4
+    assert "universes, in the order of the effect</text>" in text
+    assert "train pusher/low/full_vae/seed-0: it | broke" in text
+    assert EVIL not in text
+    assert Page(text).open == []
+
+
+def test_a_damaged_multiverse_is_a_problem(tmp_path: Path) -> None:
+    folder.write(multiverse(), tmp_path)
+    (tmp_path / folder.EFFECTS).write_bytes(b"PAR1")
+    text = write_page(tmp_path).read_text(encoding="utf-8")
+    assert 'id="problems"' in text
+    assert str(tmp_path) not in text
+
+
+def test_outcomes_have_their_skill(text: str) -> None:
+    start = text.index('id="outcomes-uav"')
+    part = text[start : text.index("Download outcomes-uav.csv")]
+    assert ">skill</th>" in part
+    assert "scores.parquet: metric = brier_fair" in part
+
+
 @pytest.mark.parametrize("exists", [True, False])
 def test_a_folder_without_results_is_refused(tmp_path: Path, exists: bool) -> None:
-    folder = tmp_path if exists else tmp_path / "none"
+    out = tmp_path if exists else tmp_path / "none"
     with pytest.raises(BadInput, match="run the study first" if exists else "there is no folder"):
-        write_page(folder)
-    assert not (folder / NAME).exists()
+        write_page(out)
+    assert not (out / NAME).exists()
