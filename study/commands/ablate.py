@@ -72,7 +72,7 @@ def run(options: Options) -> int:
     create(out)
     store = Store(out / "work")
     with locked(out):
-        errors = run_missing(tasks_of(variants), options.config.engine, store, terminal)
+        errors = run_missing(tasks_of(variants), options.config, store, terminal)
         for task, error in errors.items():
             say(terminal, f"{task.name}: {error}")
         say(terminal, str(write(out, options.config, variants, store)))

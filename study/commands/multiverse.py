@@ -101,14 +101,14 @@ def _run(
 ) -> int:
     from study.results import multiverse as results
 
-    out, engine, terminal = options.out, options.config.engine, console()
+    out, terminal = options.out, console()
     tasks = _evaluations(configs, options.only)
     chosen = {universe.name: tasks[universe.name] for universe in selected}
     create(out)
     store = Store(out / "work")
     with locked(out):
         say(terminal, f"{len(selected)} universes of {len(every)} in the design")
-        errors = run_missing(tasks_of(chosen), engine, store, terminal)
+        errors = run_missing(tasks_of(chosen), options.config, store, terminal)
         collected = results.collect(options.config, design, every, tasks, store)
         problem, written = None, True
         try:

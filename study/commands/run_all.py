@@ -19,6 +19,7 @@ from study.results.protection import why_refused
 from study.results.publish import Records, publish
 from study.workflow.engine import workers
 from study.workflow.lock import locked
+from study.workflow.searches import with_database
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order, write_cache
@@ -67,7 +68,8 @@ def run(options: Options) -> int:
         for task, why in due.items():
             if why.startswith("damaged"):
                 say(terminal, f"{task.name}: {why}; it runs again")
-        errors = run_due(list(due), config.engine, store, terminal) if due else {}
+        ready = with_database(due, config)
+        errors = run_due(ready, config.engine, store, terminal) if ready else {}
         problem = None
         try:
             changed = _publish(config, records, store, out, bool(due))

@@ -111,6 +111,9 @@ class Tune:
         evaluations: times a trial is evaluated, and may be pruned.
         validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
+        storage: URL of a database of Optuna for all searches, postgresql://… or sqlite:///…; null
+            is a journal file for each search. No number depends on it, and no file stores it, since
+            it may have a password.
     """
 
     trials: int = setting(4, low=1, high=10**5)
@@ -120,6 +123,7 @@ class Tune:
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
     samples: int = setting(16, low=2, high=10**4)
+    storage: str | None = setting(None, stored=False)
 
 
 @dataclass(frozen=True)

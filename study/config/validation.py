@@ -4,9 +4,12 @@ import re
 
 from study.common.errors import BadInput, shown
 from study.common.registry import check_name
+from study.common.secrets import without_passwords
 from study.config.settings import Config
 from study.config.stage_settings import TrainingSet
 
+DATABASE = re.compile(r"(postgresql(\+\w+)?://([^@\s]*@)?|sqlite:///)[^@\s]+")
+"""URLs of `tune.storage`."""
 LEAST = 2
 """Training trajectories of a level, at least."""
 
@@ -24,6 +27,12 @@ def check_together(config: Config) -> None:
         )
     _check_levels(config)
     tune = config.tune
+    if tune.storage is not None and not DATABASE.fullmatch(tune.storage):
+        raise BadInput(
+            f"tune.storage: got {shown(without_passwords(tune.storage))}; it must be a URL such as "
+            "postgresql://USER@HOST/DATABASE or sqlite:////FOLDER/FILE.db; in a password, write @ "
+            "as %40 and / as %2F"
+        )
     if tune.beta_low > tune.beta_high:
         raise BadInput(
             f"tune.beta_low: got {tune.beta_low}; it must be at most tune.beta_high, "

@@ -13,6 +13,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from study.common.errors import BadInput
+from study.common.secrets import without_passwords
 
 LONGEST_WAIT = 0.2
 """Seconds to wait for a lock that `is_locked` may hold."""
@@ -38,7 +39,7 @@ def locked(folder: Path) -> Iterator[None]:
             "process": os.getpid(),
             "machine": socket.gethostname(),
             "since": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "command": " ".join(sys.argv[1:]),
+            "command": without_passwords(" ".join(sys.argv[1:])),
         }
         holder.write_text(json.dumps(facts), encoding="utf-8")
         yield

@@ -94,7 +94,7 @@ def execute(task: Task, root: Path, threads: int) -> Outcome:
 
 def run_stage(task: Task, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """Run the task's stage on the folders `inputs`, into the folder `out`. Call `prepare` first."""
-    settings: Any = from_json(STAGES[task.stage], task.settings)
+    settings: Any = from_json(STAGES[task.stage], {**task.settings, **task.services})
     _module(task).run(settings, inputs, out, progress)
 
 
