@@ -196,14 +196,21 @@ class Engine:
     """Where the stages run. Numbers depend on `threads`, by rounding, and on nothing else here.
 
     Args:
-        kind: `serial` (in this process) or `dask` (local worker processes).
-        workers: worker processes; 0 starts one for each `threads` cores.
+        kind: `serial` (in this process) or `dask` (worker processes).
+        workers: worker processes; 0 starts one for each `threads` cores. With an address, how many
+            workers of the cluster are used at most; 0 uses all.
         threads: CPU threads of each stage.
+        address: of an existing Dask scheduler, such as tcp://host:8786; empty starts local workers.
+        retries: how often a stage is tried again after its worker was lost.
+        lease: seconds after which the stage of a worker that shows no life may run elsewhere.
     """
 
     kind: str = setting("dask", choices=("serial", "dask"))
     workers: int = setting(0, low=0, high=1000)
     threads: int = setting(1, low=1, high=1000)
+    address: str = ""
+    retries: int = setting(3, low=0, high=100)
+    lease: int = setting(60, low=2, high=86_400)
 
 
 @dataclass(frozen=True)

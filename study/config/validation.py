@@ -42,6 +42,17 @@ def check_together(config: Config) -> None:
         raise BadInput(
             f"tune.evaluations: got {tune.evaluations}; at most tune.steps, {tune.steps}"
         )
+    address = config.engine.address
+    if address and config.engine.kind != "dask":
+        raise BadInput(
+            f"engine.address: got {shown(address)} with engine.kind {config.engine.kind}; it needs "
+            "--engine.kind dask"
+        )
+    if address and not re.fullmatch(r"[a-z]+://[^\s/]+:[0-9]{1,5}/?", address):
+        raise BadInput(
+            f"engine.address: got {shown(address)}; it must be like tcp://host:8786 or "
+            "tls://host:8786"
+        )
     if config.ensemble.cross_fit and config.ensemble.members < 2:
         raise BadInput("ensemble.members: got 1; ensemble.cross_fit needs at least 2")
 

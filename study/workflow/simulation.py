@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from heapq import heappop, heappush
 
-from study.workflow.scheduler import longest_first
 from study.workflow.task import Task
+from study.workflow.task_queue import longest_first
 
 
 @dataclass(frozen=True)
