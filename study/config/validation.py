@@ -5,6 +5,7 @@ import re
 from study.common.errors import BadInput, shown
 from study.common.registry import check_name
 from study.common.secrets import without_passwords
+from study.config.jobs import check_jobs
 from study.config.settings import Config
 from study.config.stage_settings import TrainingSet
 
@@ -42,6 +43,7 @@ def check_together(config: Config) -> None:
         raise BadInput(
             f"tune.evaluations: got {tune.evaluations}; at most tune.steps, {tune.steps}"
         )
+    check_jobs(config.engine)
     address = config.engine.address
     if address and config.engine.kind != "dask":
         raise BadInput(

@@ -14,6 +14,7 @@ from secrets import token_hex
 from typing import Any
 
 from study.common.errors import BadInput
+from study.config.jobs import workers_of_job
 from study.config.settings import Engine
 from study.workflow.cluster import DaskWorkers, connect
 from study.workflow.lease import Terms
@@ -35,6 +36,8 @@ def workers(engine: Engine) -> int:
         return 1
     if engine.address:
         return engine.workers
+    if engine.kind == "slurm":
+        return engine.workers or workers_of_job(engine)
     return engine.workers or max(1, cores() // engine.threads)
 
 
@@ -74,6 +77,12 @@ def start(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Workers
             "--engine.kind serial"
         ) from None
     dask.config.refresh(paths=[], env={})  # its defaults, without files and variables
+    if engine.kind == "slurm":
+        from study.workflow.slurm import submitted
+
+        with submitted(engine, root, tasks) as pool:
+            yield pool
+        return
     with connect(engine, root, tasks) if engine.address else _local(engine) as pool:
         yield pool
 
