@@ -34,6 +34,8 @@ LOOK = 5.0
 """Seconds between two looks at the jobs."""
 IDLE = 60.0
 """Seconds without a task after which a job is ended, if others are enough."""
+EARLY = 5.0
+"""Seconds of connection after which a job counts as one that has started."""
 LOGS = "slurm"
 """The folder of the output of jobs, in that of the store."""
 
@@ -45,14 +47,14 @@ class Jobs:
         cluster: of dask-jobqueue.
         most: jobs at a time.
         size: workers of a job.
-        attempts: jobs in a row that may end before a worker of theirs has connected.
+        attempts: jobs in a row that may end as soon as they start.
         logs: folder of their output.
     """
 
     def __init__(self, cluster: Any, most: int, size: int, attempts: int, logs: Path) -> None:
         self._cluster, self._most, self._size = cluster, most, size
         self._attempts, self._logs = attempts, logs
-        self._connected: set[str] = set()
+        self._connected_at: dict[str, float] = {}
         self._busy_at: dict[str, float] = {}
         self._ended_early = 0
 
@@ -64,20 +66,15 @@ class Jobs:
             processing: the number of tasks of each connected worker, by its name.
 
         Raises:
-            StudyError: SLURM accepts no job, or jobs end before their workers connect.
+            StudyError: SLURM accepts no job, or jobs end as soon as they start.
         """
-        now = time.monotonic()
-        tasks: dict[str, int] = {}
-        for worker, count in processing.items():
-            job = worker if self._size == 1 else worker.rpartition("-")[0]
-            tasks[job] = tasks.get(job, 0) + count
-        if tasks.keys() - self._connected:
-            self._ended_early = 0
-        self._connected |= tasks.keys()
+        now, tasks = time.monotonic(), self._tasks(processing)
         for job, count in tasks.items():
+            if now - self._connected_at.setdefault(job, now) > EARLY:
+                self._ended_early = 0
             if count or job not in self._busy_at:
                 self._busy_at[job] = now
-        self._close([job for job in self._jobs() if self._has_ended(job, tasks)])
+        self._close([job for job in self._jobs() if self._has_ended(job, tasks, now)])
         wanted = min(self._most, math.ceil(pending / self._size))
         idle = [
             job
@@ -92,23 +89,33 @@ class Jobs:
         """The names of the jobs that were submitted and are not known to have ended."""
         return list(self._cluster.worker_spec)
 
-    def _has_ended(self, job: str, tasks: Mapping[str, int]) -> bool:
+    def _tasks(self, processing: Mapping[str, int]) -> dict[str, int]:
+        """The number of tasks of each job with a connected worker."""
+        tasks: dict[str, int] = {}
+        for worker, count in processing.items():
+            job = worker if self._size == 1 else worker.rpartition("-")[0]
+            tasks[job] = tasks.get(job, 0) + count
+        return tasks
+
+    def _has_ended(self, job: str, tasks: Mapping[str, int], now: float) -> bool:
         """Whether a job has ended: its workers have left, or SLURM does not know it any more.
 
         Raises:
-            StudyError: too many jobs in a row ended before a worker connected.
+            StudyError: too many jobs in a row ended as soon as they started.
         """
-        if job in self._connected:
-            return job not in tasks
-        if not _is_gone(getattr(self._cluster.workers.get(job), "job_id", "")):
+        if job in tasks:
             return False
-        self._ended_early += 1
+        if job not in self._connected_at:
+            is_early = has_ended = _is_gone(getattr(self._cluster.workers.get(job), "job_id", ""))
+        else:
+            has_ended, is_early = True, now - self._connected_at[job] < EARLY
+        self._ended_early += is_early
         if self._ended_early > self._attempts:
             raise StudyError(
-                f"{self._ended_early} jobs of SLURM ended before a worker connected; their output "
-                f"is in {self._logs}; check engine.prologue, and engine.interface"
+                f"{self._ended_early} jobs of SLURM ended as soon as they started; their output is "
+                f"in {self._logs}; check engine.prologue and engine.interface"
             )
-        return True
+        return has_ended
 
     def _submit(self, jobs: int) -> None:
         async def submit() -> None:
@@ -122,6 +129,9 @@ class Jobs:
             raise StudyError(f"sbatch accepts no job: {reason[:300]}") from None
 
     def _close(self, jobs: list[str]) -> None:
+        for job in jobs:  # the next job may have the same name
+            self._connected_at.pop(job, None)
+            self._busy_at.pop(job, None)
         if jobs:
             self._cluster.sync(self._cluster.scale_down, jobs)
 
@@ -209,6 +219,8 @@ def submitted(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Slu
         "distributed.scheduler.worker-ttl": "1 hour",
         "distributed.scheduler.allowed-failures": 0,
         "distributed.admin.tick.limit": "1 hour",
+        # `Jobs` ends them. Dask would end the next job of the same name.
+        "distributed.deploy.lost-worker-timeout": "1000 days",
         "logging.distributed": "critical",
     }
     try:

@@ -91,7 +91,7 @@ def test_jobs_that_end_before_a_worker_connects(
     engine = Engine(kind="slurm", prologue=("module load missing && exit 0", "exit 1"), retries=1)
     with start(engine, tmp_path, []) as workers:
         workers.submit(time.sleep, 0)
-        with pytest.raises(StudyError, match="2 jobs of SLURM ended before a worker connected"):
+        with pytest.raises(StudyError, match="2 jobs of SLURM ended as soon as they"):
             while True:
                 workers.rooms()
                 time.sleep(0.2)
