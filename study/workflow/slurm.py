@@ -255,7 +255,10 @@ def job_options(engine: Engine, root: Path) -> dict[str, Any]:
         "job_script_prologue": [
             *engine.prologue,
             f"cd {shlex.quote(os.getcwd())}",
-            *(f"export {name}={shlex.quote(value)}" for name, value in _environment(engine).items()),
+            *(
+                f"export {name}={shlex.quote(value)}"
+                for name, value in _environment(engine).items()
+            ),
         ],
         "job_extra_directives": list(engine.directives),
         "worker_extra_args": [

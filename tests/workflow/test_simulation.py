@@ -21,8 +21,8 @@ SECONDS = {DATA: 10.0, **dict.fromkeys(SHORT, 4.0), MIDDLE: 6.0, LAST: 5.0}
 
 @pytest.mark.parametrize(
     ("workers", "expected"),
-    # On two workers `middle` runs beside two short tasks, the third one is first at 16 s, and `last`
-    # runs from 18 s.
+    # On two workers `middle` runs beside two short tasks, the third one follows at 16 s, and
+    # `last` runs from 18 s.
     [(1, 10 + 3 * 4 + 6 + 5), (2, 10 + 2 * 4 + 5), (3, 10 + 6 + 5), (100, 10 + 6 + 5)],
 )
 def test_a_small_study_by_hand(workers: int, expected: float) -> None:

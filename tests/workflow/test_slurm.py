@@ -12,6 +12,7 @@ from study.common.errors import BadInput, StudyError
 from study.config.settings import Engine
 from study.workflow import slurm
 from study.workflow.engine import start
+from study.workflow.workers import Workers
 from tests.helpers.running import SMALL, configuration, results, run, study
 from tests.helpers.slurm_standin import ENDED_AT_WALLTIME, Slurm
 
@@ -22,6 +23,12 @@ def _job_after(seconds: float) -> str:
     """On a worker: the number of its job, after a while."""
     time.sleep(seconds)
     return os.environ["JOB"]
+
+
+def _wait_for_jobs(workers: Workers) -> None:
+    while True:
+        workers.rooms()
+        time.sleep(0.2)
 
 
 @pytest.fixture
@@ -92,9 +99,7 @@ def test_jobs_that_end_before_a_worker_connects(
     with start(engine, tmp_path, []) as workers:
         workers.submit(time.sleep, 0)
         with pytest.raises(StudyError, match="2 jobs of SLURM ended as soon as they"):
-            while True:
-                workers.rooms()
-                time.sleep(0.2)
+            _wait_for_jobs(workers)
     assert len(cluster.scripts()) == 2
     (output, *_) = (tmp_path / "slurm").glob("*.out")
     assert "module: command not found" in output.read_text()
