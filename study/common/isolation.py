@@ -70,8 +70,8 @@ VARIABLES = (
 """Variables that are removed."""
 
 KEPT = ("KMP_DUPLICATE_LIB_OK", "SLURM_CONF")
-"""Without the first, some installations on macOS end when they load torch. The second names the file
-of settings of SLURM, which `sbatch` reads."""
+"""Without the first, some installations on macOS end when they load torch. The second names the
+settings of SLURM, which `sbatch` reads."""
 
 KEPT_PREFIX = "DASK_DISTRIBUTED__COMM__"
 """Begins the variables that say how to connect to a Dask scheduler, such as its certificates."""
