@@ -149,12 +149,12 @@ def test_where_a_stage_runs_since_when_and_how_often_it_was_tried(copied: Path) 
     with locked(copied), hold(path, Terms(run="a")) as second:
         assert (first.attempt, second.attempt) == (1, 2)
         lines = study("status", *SMALL, "--out", copied).out.splitlines()
-    (head,) = [line.split() for line in lines if "where" in line]
+    (head,) = [line.split() for line in lines if " where " in line]
     assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds"]
     (shown,) = [line for line in lines if "running 25% step 5" in line]
     assert f"{socket.gethostname()}, process {os.getpid()}" in shown
     assert re.search(r"  \d\d:\d\d:\d\d +2 *$", shown)
-    assert "where" not in study("status", *SMALL, "--out", copied).out  # the run has ended
+    assert " where " not in study("status", *SMALL, "--out", copied).out  # the run has ended
 
 
 def test_follow_ends_with_the_run(copied: Path) -> None:
