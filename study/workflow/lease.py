@@ -62,6 +62,10 @@ class Terms:
     run: str = ""
 
 
+USUAL = Terms()
+"""The terms without settings."""
+
+
 @dataclass(frozen=True)
 class Holder:
     """The process that holds a lease, as the file states it.

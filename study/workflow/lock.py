@@ -102,9 +102,7 @@ def is_locked(folder: Path) -> bool:
 
 
 def _in_use(folder: Path) -> BadInput:
-    return BadInput(
-        f"--out: {folder} is in use by {_describe(folder)}; wait, or use another --out"
-    )
+    return BadInput(f"--out: {folder} is in use by {_describe(folder)}; wait, or use another --out")
 
 
 def _describe(folder: Path) -> str:

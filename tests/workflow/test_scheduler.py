@@ -178,8 +178,6 @@ def test_tasks_for_a_gpu_wait_for_one_and_others_do_not(
         return {future for future in futures if future.done()}, set()
 
     monkeypatch.setattr("study.workflow.scheduler.wait", wait)
-    assert not run_tasks(
-        diamond(), Store(tmp_path), pretend, 1, lambda _: None, lambda _: None
-    )
+    assert not run_tasks(diamond(), Store(tmp_path), pretend, 1, lambda _: None, lambda _: None)
     assert max(stages.count("train") for stages in together) == 1
     assert together[0] == ["collect", "collect"]
