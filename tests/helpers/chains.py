@@ -131,7 +131,7 @@ def main(arguments: list[str]) -> int:
     kind = "dask" if address else "serial"
     try:
         engine = Engine(kind=kind, address=address, lease=lease)
-        return 1 if run_chains(out, engine, tasks()) else 0
+        return 1 if run_chains(out, engine, tasks(seconds=2.0)) else 0
     except StudyError as error:
         print(f"error: {error}", flush=True)
         return error.exit_code

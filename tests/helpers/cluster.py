@@ -79,11 +79,17 @@ class Cluster:
         self._wait(self._address_file, self.scheduler)
         return self.scheduler
 
-    def start_worker(self, name: int) -> None:
-        """Start a worker without a nanny, so that its process is the one that runs stages."""
+    def start_worker(self, name: int, *options: str, **environment: str) -> None:
+        """Start a worker without a nanny, so that its process is the one that runs stages.
+
+        Args:
+            name: a number that no living worker has.
+            options: further ones of the worker.
+            environment: further variables.
+        """
         process = self._start(
             "worker", "--no-nanny", "--nthreads=1", "--no-dashboard", f"--name={name}",
-            "--memory-limit=0", *self.options, log=f"worker-{name}",
+            "--memory-limit=0", *self.options, *options, log=f"worker-{name}", **environment,
         )  # fmt: skip
         self.workers[name] = process
 
