@@ -48,9 +48,10 @@ def run(settings: LinkSettings, inputs: Mapping[str, Path], out: Path, progress:
         raise ValueError("this link is broken")
     journal = out / "journal.txt"
     lines = journal.read_text().split("\n")[:-1] if journal.exists() else []
-    before = "".join(
-        (path / "journal.txt").read_text() for _, path in sorted(inputs.items())
-    ) + str(asdict(settings))
+    before = (
+        "".join((path / "journal.txt").read_text() for _, path in sorted(inputs.items()))
+        + f"{settings.chain}/{settings.number}"
+    )
     for step in range(STEPS):
         text = lines[step - 1] if step else before
         if step >= len(lines):
@@ -110,9 +111,7 @@ def run_chains(out: Path, engine: Engine, every: list[Task]) -> dict[str, str]:
     with locked(out) as lock:
         due = [task for task in every if store.reason_to_run(task) is not None]
         with start(engine, store.root, due) as workers:
-            errors = run_tasks(
-                due, store, workers, 1, lambda _: None, ended, terms(engine), lost
-            )
+            errors = run_tasks(due, store, workers, 1, lambda _: None, ended, terms(engine), lost)
         lock.verify()
     return {task.label: error for task, error in errors.items()}
 

@@ -93,6 +93,20 @@ class Cluster:
         )  # fmt: skip
         self.workers[name] = process
 
+    def alive(self) -> list[int]:
+        """The names of the workers whose processes live."""
+        return [name for name, process in self.workers.items() if process.poll() is None]
+
+    def stop_worker(self, name: int) -> None:
+        """Kill a worker for good."""
+        kill(self.workers.pop(name))
+
+    def wait_for_end(self, process: int) -> None:
+        """Wait until the worker with this process number has ended by itself."""
+        for worker in self.workers.values():
+            if worker.pid == process:
+                worker.wait(timeout=LONGEST_START)
+
     def wait_for_workers(self, count: int) -> None:
         """Wait until the scheduler knows `count` workers."""
         code = "import sys, distributed; c = distributed.Client(scheduler_file=sys.argv[1])"

@@ -57,9 +57,7 @@ def test_the_file_names_the_holder_and_goes_with_it(path: Path) -> None:
     assert not list(path.parent.iterdir())
 
 
-def test_a_holder_that_lives_keeps_the_lease(
-    path: Path, other: "subprocess.Popen[str]"
-) -> None:
+def test_a_holder_that_lives_keeps_the_lease(path: Path, other: "subprocess.Popen[str]") -> None:
     before = path.read_bytes()
     with pytest.raises(LeaseInUse, match=f"process {other.pid} on "):
         Lease(path, SHORT).take()
@@ -67,9 +65,7 @@ def test_a_holder_that_lives_keeps_the_lease(
     assert path.read_bytes() == before
 
 
-def test_a_killed_holder_is_followed_at_once(
-    path: Path, other: "subprocess.Popen[str]"
-) -> None:
+def test_a_killed_holder_is_followed_at_once(path: Path, other: "subprocess.Popen[str]") -> None:
     other.kill()
     other.wait()
     began = time.monotonic()
@@ -105,20 +101,19 @@ def test_another_machine_is_waited_for(path: Path) -> None:
         assert time.monotonic() - began > SHORT.seconds
 
 
-def test_attempts_of_another_run_do_not_count(
-    path: Path, other: "subprocess.Popen[str]"
-) -> None:
+def test_attempts_of_another_run_do_not_count(path: Path, other: "subprocess.Popen[str]") -> None:
     other.kill()
     other.wait()
     with hold(path, replace(SHORT, run="another")) as lease:
         assert lease.attempt == 1
 
 
-def test_a_lease_that_was_removed_is_written_again(path: Path) -> None:
+def test_a_lease_that_another_has_taken_and_released_is_lost(path: Path) -> None:
     with hold(path, SHORT) as lease:
         path.unlink()
-        lease.verify()
-        assert path.exists()
+        with pytest.raises(LeaseLost, match="was lost to another process"):
+            lease.verify()
+    assert not path.exists()
 
 
 def test_a_lease_taken_by_another_is_neither_renewed_nor_removed(path: Path) -> None:
