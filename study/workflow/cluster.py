@@ -29,8 +29,6 @@ T = TypeVar("T")
 
 GPU = "GPU"
 """The resource that a worker with a GPU offers: ``dask worker ADDRESS --resources GPU=1``."""
-PATIENCE = "15s"
-"""To wait for the scheduler."""
 ASK_AFTER = 2.0
 """Seconds after which the scheduler is asked again how many workers there are."""
 
@@ -148,7 +146,7 @@ def connect(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[DaskW
     with dask.config.set({"distributed.comm": connection}):
         try:
             with warnings.catch_warnings(action="ignore"):  # other versions are an error below
-                client = Client(address, timeout=PATIENCE, set_as_default=False)
+                client = Client(address, set_as_default=False)
         except Exception as error:  # TLS and versions have errors of many kinds
             raise BadInput(_why_no_scheduler(address, error)) from None
         try:

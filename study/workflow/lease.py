@@ -64,6 +64,10 @@ class Terms:
     run: str = ""
 
 
+USUAL = Terms()
+"""The terms without settings."""
+
+
 @dataclass(frozen=True)
 class Holder:
     """The process that holds a lease, as the file states it.
@@ -222,8 +226,8 @@ class Lease:
                     self._verified = time.monotonic()
                 else:
                     self._is_lost = True
-        except FileNotFoundError:
-            self._is_lost = not self._write(replaces=False)
+        except FileNotFoundError:  # another process has held it, and completed its work
+            self._is_lost = True
 
     def _write(self, replaces: bool) -> bool:
         """Put a file of this holder into place; returns whether it is there."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 
 from study.common.files import write_text
-from study.workflow.lease import Terms
+from study.workflow.lease import USUAL, Terms
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_queue import TaskQueue
@@ -29,7 +29,7 @@ def run_tasks(
     threads: int,
     started: Callable[[Task], None],
     ended: Callable[[Outcome], None],
-    terms: Terms = Terms(),
+    terms: Terms = USUAL,
     lost: Callable[[Task, str], None] = lambda task, why: None,
 ) -> dict[Task, str]:
     """Run all tasks but those whose inputs failed.

@@ -178,7 +178,7 @@ class Store:
 
     def _leftovers(self, task: Task) -> list[Path]:
         """The temporary folders of all attempts at the task, the newest last."""
-        found = [path for path in (self.root / task.stage).glob(f".{task.key[:16]}*/")]
+        found = (self.root / task.stage).glob(f".{task.key[:16]}*/")
         return sorted(found, key=_modified)
 
     def _publish(self, task: Task, out: Path) -> None:

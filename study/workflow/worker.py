@@ -20,7 +20,7 @@ from study.common.progress import Progress
 from study.config.convert import from_json
 from study.config.stage_settings import STAGES
 from study.workflow.checks import check_classes
-from study.workflow.lease import Holder, Lease, LeaseLost, Terms, hold
+from study.workflow.lease import USUAL, Holder, Lease, LeaseLost, Terms, hold
 from study.workflow.meter import Meter
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -83,7 +83,7 @@ class LeasedProgress(Progress):
             super()._report(fraction, message)
 
 
-def execute(task: Task, root: Path, threads: int, terms: Terms = Terms()) -> Outcome:
+def execute(task: Task, root: Path, threads: int, terms: Terms = USUAL) -> Outcome:
     """Run the task and complete its folder. An exception of the stage becomes an `Outcome`.
 
     Nothing runs if another process completes the folder while this one waits for the lease.
