@@ -40,7 +40,7 @@ ENDED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """Run the stage."""
-    with explained(settings.database and settings.database.url):
+    with explained(settings.database.url if settings.database else None):
         search = _open_search(settings, out)
         _run_trials(search, settings, inputs, out, progress)
         ended = search.get_trials(deepcopy=False, states=ENDED)

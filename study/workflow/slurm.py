@@ -36,6 +36,8 @@ IDLE = 60.0
 """Seconds without a task after which a job is ended, if others are enough."""
 EARLY = 5.0
 """Seconds of connection after which a job counts as one that has started."""
+CERTIFICATES = ".dask-jobqueue.worker.*"
+"""The files with the certificates of the workers, in the folder `LOGS`."""
 LOGS = "slurm"
 """The folder of the output of jobs, in that of the store."""
 
@@ -201,7 +203,7 @@ def submitted(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Slu
             "jobs can be submitted, or use --engine.kind dask"
         )
     try:
-        from dask_jobqueue import SLURMCluster
+        from dask_jobqueue.slurm import SLURMCluster
 
         security = Security.temporary()
     except ImportError as error:
@@ -212,6 +214,8 @@ def submitted(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Slu
     expected = Expected.here(root, plugins, token_hex(8))
     write_text(root / SHARED, expected.token)
     (root / LOGS).mkdir(exist_ok=True)
+    for path in (root / LOGS).glob(CERTIFICATES):  # of a run that was killed
+        path.unlink()
     size = workers_of_job(engine)
     most = engine.workers or size
     settings = {
@@ -235,6 +239,8 @@ def submitted(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Slu
                 yield workers
             finally:  # results of running tasks are no longer needed
                 workers.shutdown(wait=False)
+                for name in ("ca_file", "cert", "key"):
+                    getattr(cluster, f"_job_{name}").close()  # which removes the file
     finally:
         (root / SHARED).unlink(missing_ok=True)
 

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import optuna
 import pytest
+from optuna.exceptions import StorageInternalError
 from optuna.trial import TrialState
+from sqlalchemy.exc import OperationalError
 
-from study.common.errors import BadInput
+from study.common.errors import BadInput, StudyError
 from study.common.secrets import without_passwords
 from study.config.grid import Cell
 from study.config.tree import to_json
-from study.training.search_storage import database
+from study.training.search_storage import database, explained
 from study.workflow.lease import Terms, hold
 from study.workflow.pipeline import Pipeline
 from study.workflow.searches import with_database
@@ -119,3 +121,22 @@ def test_a_lease_names_the_command_without_the_password(
 )
 def test_passwords_are_hidden(text: str, expected: str) -> None:
     assert without_passwords(text) == expected
+
+
+def test_a_database_that_is_lost_during_a_search() -> None:
+    """What Optuna raises has the cause of the driver, of which the error has the text."""
+    cause = OperationalError("SELECT 1", {}, Exception("server closed the connection"))
+    with (
+        pytest.raises(StudyError, match=r"lost postgresql://me:\*\*\*@.*run the same command"),
+        explained(UNREACHABLE),
+    ):
+        raise StorageInternalError("An exception is raised during the commit.") from cause
+
+
+def test_a_process_whose_trial_another_run_has_ended() -> None:
+    """It was stopped, and the search went on elsewhere."""
+    search = optuna.create_study()
+    trial = search.ask()
+    search.tell(trial.number, state=TrialState.FAIL)
+    with pytest.raises(StudyError, match="another run has ended this trial"), explained(None):
+        trial.report(1.0, 1)

@@ -59,7 +59,7 @@ def test_jobs_are_asked_for_again_and_end_before_their_walltime(
     with start(engine, tmp_path, []) as workers:
         assert workers.rooms() == {"": 1}
         variable = workers.submit(os.getenv, "FROM_PROLOGUE")
-        jobs = set()
+        jobs = set[str]()
         while len(jobs) < 2:
             call = workers.submit(_job_after, 2)
             while wait([call], timeout=0.5).not_done:
