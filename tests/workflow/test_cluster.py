@@ -85,7 +85,7 @@ def test_a_killed_and_a_stopped_worker_cost_their_stages(
 @pytest.mark.slow
 def test_an_error_of_a_stage_is_not_tried_again(cluster: Cluster, tmp_path: Path) -> None:
     errors = run_chains(tmp_path, _engine(cluster), tasks(0.0, broken=2))
-    assert errors.pop("chain-2/2") == "ValueError: this link is broken"
+    assert errors.pop("chain-2/1") == "ValueError: this link is broken"
     assert all(error.startswith("not run: ") for error in errors.values())
     assert len(journals(tmp_path)) == 18 - 1 - len(errors)
     # The folder of a failed stage stays for a look, and its lease does not.
