@@ -106,6 +106,7 @@ def test_certificates_are_named(tmp_path: Path) -> None:
         start(Engine(address="tls://127.0.0.1:8786"), tmp_path, []).__enter__()
 
 
+@pytest.mark.slow
 def test_a_worker_of_several_tasks_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
     cluster.start_worker(9, "--nthreads=2")
     cluster.wait_for_workers(len(cluster.alive()))
