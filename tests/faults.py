@@ -34,9 +34,8 @@ from tests.helpers import chains
 from tests.helpers.cluster import Cluster, kill
 from tests.helpers.running import ROOT, SMALL, results
 
-LEASE, WORKER_TTL, PAUSE = 4, 6.0, 6.0
-"""Seconds of a lease, seconds after which the scheduler gives up a worker, and the longest pause
-between two disturbances."""
+LEASE, WORKER_TTL = 4, 6.0
+"""Seconds of a lease, and seconds after which the scheduler gives up a worker."""
 LONGEST_START = 60.0
 """Seconds to wait for a stage to run before a disturbance, at most."""
 LONGEST = 900.0
@@ -212,7 +211,12 @@ def _mount(folder: Path) -> bool:
 
 
 def disturb_study(
-    folder: Path, name: str, most: int, chance: random.Random, say: Callable[[str], None]
+    folder: Path,
+    name: str,
+    most: int,
+    pause: float,
+    chance: random.Random,
+    say: Callable[[str], None],
 ) -> Counter[str]:
     """Run a study once, with disturbances until it is complete; returns their kinds."""
     faults = Faults(folder, name, chance)
@@ -221,7 +225,7 @@ def disturb_study(
         while faults.run.poll() != 0:
             if faults.counts.total() < most:
                 faults.wait_for_a_stage()
-                time.sleep(chance.uniform(0.0, PAUSE))
+                time.sleep(chance.uniform(0.0, pause))
                 if faults.run.poll() == 0:
                     break
                 what = faults.disturb()
@@ -244,6 +248,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--disturbances", type=int, default=100)
+    parser.add_argument("--pause", type=float, default=6.0, help="longest, in seconds")
     parser.add_argument("--study", choices=("chains", "small"), default="chains")
     options = parser.parse_args()
     chance, counts, different = random.Random(options.seed), Counter[str](), 0
@@ -264,9 +269,8 @@ def main() -> int:
             part = folder / f"study-{number}"
             part.mkdir()
             say(f"study {number}")
-            counts += disturb_study(
-                part, options.study, options.disturbances - counts.total(), chance, say
-            )
+            most = options.disturbances - counts.total()
+            counts += disturb_study(part, options.study, most, options.pause, chance, say)
             found = bytes_of(options.study, part / "out")
             differ = {name for name in expected | found if expected.get(name) != found.get(name)}
             different += len(differ)

@@ -117,7 +117,7 @@ class Simulated(Workers):
         self.simulating += time.process_time() - began
         return future
 
-    def wait(self, futures: Iterable[Any], **_: Any) -> tuple[set[Any], set[Any]]:
+    def wait(self, futures: Iterable[Any], **options: Any) -> tuple[set[Any], set[Any]]:
         """Advance to the next end of a stage."""
         began = time.process_time()
         self.now, _, future, outcome, length = heappop(self._events)

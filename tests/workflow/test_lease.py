@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from study.workflow.lease import Lease, LeaseInUse, LeaseLost, Terms, hold, read_holder
+from study.workflow.lease import Holder, Lease, LeaseInUse, LeaseLost, Terms, hold, read_holder
 from tests.helpers.running import ROOT
 
 SHORT = Terms(seconds=1.0, run="a run")
@@ -78,7 +78,7 @@ def test_a_stopped_holder_loses_the_lease_and_knows_it_when_it_continues(
     path: Path, other: "subprocess.Popen[str]"
 ) -> None:
     os.kill(other.pid, signal.SIGSTOP)
-    waited_for = []
+    waited_for: list[Holder] = []
     with hold(path, SHORT, waited_for.append) as lease:
         assert [holder.process for holder in waited_for] == [other.pid]
         assert lease.attempt == 2
