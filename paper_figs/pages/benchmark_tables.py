@@ -26,6 +26,7 @@ def tables(root: Path) -> dict[str, Callable[[], str]]:
         "training": training,
         "forecasting": forecasting,
         "scale": scale,
+        "cluster": cluster,
     }
     return {
         name: lambda name=name, write=write: _table(folder / f"{name}.json", write)  # type: ignore[misc]
@@ -114,6 +115,26 @@ def scale(rows: Rows) -> str:
     ]
     heads = ["", "sizes", "seconds at the largest", "MB at the largest", "exponent of seconds"]
     return pipe_table(heads, lines)
+
+
+def cluster(rows: Rows) -> str:
+    """How busy simulated workers are, and the cost of a stage that is not the stage's own."""
+    lines = [
+        [
+            f"{row['loss']:.0%}",
+            f"{row['stages']:,} on {row['workers']}",
+            f"{row['lost']:,}",
+            f"{row['busy']:.0%}",
+            f"{row['wasted']:.0%}",
+            f"{row['scheduler_ms']:.2f}",
+            f"{row['worker_ms']:.1f}",
+            f"{row['our_share']:.2%}",
+        ]
+        for row in rows
+    ]
+    heads = ["probability that a stage's worker is lost", "stages on workers", "lost workers"]
+    heads += ["workers busy", "of it for lost stages", "scheduler, ms a stage"]
+    return pipe_table([*heads, "lease and folder, ms a stage", "both, of the workers' time"], lines)
 
 
 def _rate(rate: float | None) -> str:

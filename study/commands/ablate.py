@@ -71,10 +71,11 @@ def run(options: Options) -> int:
     variants = last_tasks(configs, options.only, Pipeline.validate, references=False)
     create(out)
     store = Store(out / "work")
-    with locked(out):
-        errors = run_missing(tasks_of(variants), options.config.engine, store, terminal)
+    with locked(out) as lock:
+        errors = run_missing(tasks_of(variants), options.config, store, terminal)
         for task, error in errors.items():
             say(terminal, f"{task.name}: {error}")
+        lock.verify()
         say(terminal, str(write(out, options.config, variants, store)))
     return 1 if errors else 0
 

@@ -25,7 +25,10 @@ class Argument:
 
 @dataclass(frozen=True)
 class Flag:
-    """Annotates a field of options that is a flag of the command line, `--name VALUE`."""
+    """Annotates a field of options that is a flag of the command line, `--name VALUE`.
+
+    A flag of the type bool has no value.
+    """
 
     help: str
 
@@ -93,6 +96,11 @@ class Command(Generic[Options]):
         """The command's own flags."""
         return [name for name in self.arguments if name.startswith("--")]
 
+    @property
+    def switches(self) -> list[str]:
+        """The flags that have no value."""
+        return [name for name, parsing in self.arguments.items() if "action" in parsing]
+
     def read_options(self, values: Any, **settings: Any) -> Options:
         """The options from the values of `arguments` on the command line.
 
@@ -134,6 +142,8 @@ def _whole_number(text: str) -> int:
 def _parsing(entry: Field[Any], kind: Argument | Flag) -> dict[str, Any]:
     """The arguments of `ArgumentParser.add_argument` for a field of options."""
     parsing: dict[str, Any] = {"help": kind.help}
+    if get_args(entry.type)[0] is bool:
+        return parsing | {"action": "store_true"}
     is_required = entry.default is MISSING
     if not is_required:
         parsing["default"] = entry.default

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from study.commands.terminal import say
 from study.common.progress import read_progress
 from study.config.settings import Engine
-from study.workflow.engine import executor, workers
+from study.workflow.engine import start, terms
 from study.workflow.scheduler import run_tasks
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -43,10 +43,17 @@ def run_displayed(
     Returns:
         the error of every task that failed or was not run.
     """
-    in_parallel = min(workers(engine), len(tasks))
-    with Display(tasks, store, console) as display, executor(engine) as pool:
+    store = Store(store.root.resolve())  # workers of a cluster have other working folders
+    with Display(tasks, store, console) as display, start(engine, store.root, tasks) as workers:
         return run_tasks(
-            tasks, store, pool, in_parallel, engine.threads, display.started, display.finished
+            tasks,
+            store,
+            workers,
+            engine.threads,
+            display.started,
+            display.finished,
+            terms(engine),
+            display.lost,
         )
 
 
@@ -98,6 +105,13 @@ class Display:
         """Show a task that has started."""
         with self._lock:
             self._bars[task] = self._live.add_task(f"  {task.name}", total=1.0, note="")
+
+    def lost(self, task: Task, why: str) -> None:
+        """Tell that a task starts again, since its worker was lost."""
+        with self._lock:
+            if task in self._bars:
+                self._live.remove_task(self._bars.pop(task))
+        say(self.console, f"{task.name}: the worker was lost ({why}); the stage starts again")
 
     def finished(self, outcome: Outcome) -> None:
         """Show the outcome of a task in one line."""

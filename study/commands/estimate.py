@@ -24,19 +24,35 @@ BATCH = 12
 def estimate(due: Iterable[Task], ended: Iterable[Task], store: Store) -> float:
     """The seconds of one core that tasks take.
 
-    A stage and environment of which tasks have ended take time in proportion to those.
+    A stage, environment and model of which tasks have ended take time in proportion to those.
 
     Args:
         due: the tasks to run.
         ended: tasks that have run, with timings in the store.
         store: the folders of the tasks.
     """
-    ratios: dict[tuple[str, str], list[float]] = {}
-    for task in ended:
-        seconds = store.timing(task).get("cpu_seconds")
+    measured = {task: store.timing(task).get("cpu_seconds") for task in ended}
+    return sum(durations(due, measured).values())
+
+
+def durations(due: Iterable[Task], measured: Mapping[Task, float | None]) -> dict[Task, float]:
+    """The seconds of each task: measured, or in proportion to tasks of its kind that ran.
+
+    Args:
+        due: the tasks to run.
+        measured: seconds of tasks that have run; None where they are unknown.
+    """
+    ratios: dict[tuple[str, ...], list[float]] = {}
+    for task, seconds in measured.items():
         if seconds:
-            ratios.setdefault(_kind(task), []).append(float(seconds) / _expected(task))
-    return sum(_expected(task) * fmean(ratios.get(_kind(task), [1.0])) for task in due)
+            for kind in _kinds(task):
+                ratios.setdefault(kind, []).append(float(seconds) / _expected(task))
+
+    def expected(task: Task) -> float:
+        found = [ratios[kind] for kind in _kinds(task) if kind in ratios]
+        return _expected(task) * (fmean(found[0]) if found else 1.0)
+
+    return {task: measured.get(task) or expected(task) for task in due}
 
 
 def in_words(seconds: float) -> str:
@@ -46,9 +62,11 @@ def in_words(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _kind(task: Task) -> tuple[str, str]:
-    """Tasks of one kind take similar times for the same work."""
-    return task.stage, task.label.split("/")[0]
+def _kinds(task: Task) -> list[tuple[str, ...]]:
+    """Stage, environment and model, and stage and environment, where no task of the model ran."""
+    environment, *others = task.label.split("/")
+    model = others[1:-1]
+    return [(task.stage, environment, *model), (task.stage, environment)]
 
 
 def _expected(task: Task) -> float:

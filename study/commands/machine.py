@@ -22,6 +22,8 @@ def check_accelerator(config: Config, tasks: Iterable[Task], store: Store) -> No
     Raises:
         BadInput: torch finds no accelerator.
     """
+    if config.engine.address or config.engine.kind == "slurm":
+        return  # the fits run elsewhere; `study.workflow.cluster` asks the workers
     if config.train.accelerator == "gpu" and any(map(store.reason_to_run, tasks)):
         import torch
 

@@ -101,14 +101,15 @@ def _run(
 ) -> int:
     from study.results import multiverse as results
 
-    out, engine, terminal = options.out, options.config.engine, console()
+    out, terminal = options.out, console()
     tasks = _evaluations(configs, options.only)
     chosen = {universe.name: tasks[universe.name] for universe in selected}
     create(out)
     store = Store(out / "work")
-    with locked(out):
+    with locked(out) as lock:
         say(terminal, f"{len(selected)} universes of {len(every)} in the design")
-        errors = run_missing(tasks_of(chosen), engine, store, terminal)
+        errors = run_missing(tasks_of(chosen), options.config, store, terminal)
+        lock.verify()
         collected = results.collect(options.config, design, every, tasks, store)
         problem, written = None, True
         try:
@@ -161,7 +162,7 @@ def _total(tasks: list[Task], due: list[Task], config: Config, store: Store) -> 
     line = f"{len(due)} of {len(tasks)} stages to run"
     if not due:
         return line
-    counts, parallel = Counter(task.stage for task in due), workers(config.engine)
+    counts, parallel = Counter(task.stage for task in due), workers(config.engine) or 1
     waiting = set(due)
     seconds = estimate(due, (task for task in tasks if task not in waiting), store) / parallel
     by_stage = ", ".join(f"{counts[stage]} {stage}" for stage in STAGES if counts[stage])

@@ -117,7 +117,7 @@ def usage() -> str:
 
 def _own_options(command: Command[Any], arguments: list[str]) -> Any:
     """The options of a command that takes no settings."""
-    texts, rest = split(arguments, command.flags)
+    texts, rest = split(arguments, command.flags, command.switches)
     for name in texts:
         raise BadInput(f"{command.name} has no '--{name}': {nearest('--' + name, command.flags)}")
     return command.read_options(_parser(command).parse_args(rest))
@@ -125,7 +125,7 @@ def _own_options(command: Command[Any], arguments: list[str]) -> Any:
 
 def _study_options(command: Command[Any], arguments: list[str]) -> Any:
     """The options of a command that takes settings."""
-    texts, rest = split(arguments, [*STUDY_FLAGS, *command.flags])
+    texts, rest = split(arguments, [*STUDY_FLAGS, *command.flags], command.switches)
     parser = _parser(command)
     default = f"configs/{Path(command.config).name} by default" if command.config else None
     for flag, text in STUDY_FLAGS.items():
@@ -171,7 +171,8 @@ def _usage_line(command: Command[Any]) -> str:
     for name, parsing in command.arguments.items():
         value = name.strip("-").upper()
         word = f"{name} {value}" if name.startswith("--") else value
-        is_optional = "default" in parsing
+        word = name if name in command.switches else word
+        is_optional = "default" in parsing or name in command.switches
         words.append(f"[{word}]" if is_optional else word + " …" * ("nargs" in parsing))
     if command.takes_settings:
         words += ["[--config FILE]", "[--out DIR]", "[--only PATTERN]", "[--any.setting VALUE]"]

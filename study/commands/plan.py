@@ -1,15 +1,24 @@
 """Command `plan`: print the stages that `all` would run, and the reasons."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from study.commands.command import Command, StudyOptions
+from rich.console import Console
+
+from study.commands.command import Command, Flag, StudyOptions
+from study.commands.estimate import durations, in_words
 from study.commands.terminal import console, say
+from study.common.errors import BadInput
 from study.common.files import why_not_writable
 from study.config.grid import cells, select
+from study.results import timings
 from study.results.folder import check_format
 from study.results.protection import why_refused
 from study.results.publish import why_not_published
+from study.workflow.simulation import critical_path, simulate
 from study.workflow.store import Store
+from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
@@ -18,18 +27,37 @@ and checks what is in them. For each stage: up to date, missing, config changed 
 setting), source changed (which module), input changed, or damaged. The last line says whether the
 results would be written, or why not.
 
+With --workers, the duration on so many workers follows. It comes from a simulation of the scheduler
+with the durations of stages that have run, or with rough ones where none of a stage and environment
+has. The critical path is the longest chain of stages: more workers do not make it shorter.
+
 examples
   python -m study.run plan --config configs/paper.yaml
-  python -m study.run plan --vae.latent_size 4"""
+  python -m study.run plan --vae.latent_size 4
+  python -m study.run plan --config configs/paper.yaml --workers 64"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(StudyOptions):
-    """Options of `plan`: the settings alone."""
+    """Options of `plan`.
+
+    Attributes:
+        workers: number of workers of the estimate; None prints none.
+    """
+
+    workers: Annotated[int | None, Flag("estimate wall time and core hours on so many workers")] = (
+        None
+    )
 
 
 def run(options: Options) -> int:
-    """Print one line for each stage, and whether the results would be written."""
+    """Print one line for each stage, whether the results would be written, and the estimate.
+
+    Raises:
+        BadInput: the number of workers is not positive.
+    """
+    if options.workers is not None and options.workers < 1:
+        raise BadInput(f"--workers: got {options.workers}; it must be at least 1")
     config, out, terminal = options.config, options.out, console()
     store = Store(out / "work")
     check_format(out)
@@ -47,7 +75,37 @@ def run(options: Options) -> int:
     else:
         results = why_not_published(config, records, store, out, due) or "up to date"
     say(terminal, f"{len(due)} of {len(states)} stages to run; results: {results}")
+    if options.workers is not None and due:
+        published = {} if store.root.is_dir() else timings.read(out)
+        ended = [task for task, why in states.items() if why is None]
+        measured = {
+            task: (store.timing(task) or published.get(task.name, {})).get("seconds")
+            for task in [*ended, *(task for task in due if task.name in published)]
+        }
+        _print_estimate(terminal, due, measured, options.workers, config.engine.threads)
     return 0
+
+
+def _print_estimate(
+    terminal: Console,
+    due: list[Task],
+    measured: Mapping[Task, float | None],
+    workers: int,
+    threads: int,
+) -> None:
+    seconds = durations(due, measured)
+    forecast, path = simulate(due, seconds, workers), critical_path(due, seconds)
+    hours = sum(seconds.values()) * threads / 3600
+    workers_named = "1 worker" if workers == 1 else f"{workers} workers"
+    say(
+        terminal,
+        f"on {workers_named}: about {in_words(forecast.seconds)}, {forecast.busy:.0%} busy, "
+        f"{hours:.2g} core hours; durations from {sum(map(bool, measured.values()))} stages that "
+        "have run",
+    )
+    say(terminal, f"critical path, {in_words(sum(seconds[task] for task in path))}:")
+    for task in path:
+        say(terminal, f"  {task.stage:11} {task.label:36} {in_words(seconds[task])}")
 
 
 COMMAND = Command("plan", "show what `all` would run, and why", Options, run, DETAILS)

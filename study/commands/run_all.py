@@ -19,6 +19,7 @@ from study.results.protection import why_refused
 from study.results.publish import Records, publish
 from study.workflow.engine import workers
 from study.workflow.lock import locked
+from study.workflow.searches import with_database
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order, write_cache
@@ -59,7 +60,7 @@ def run(options: Options) -> int:
         raise BadInput(f"--out: {refused}; give another --out")
     check_logs(config, tasks, store, terminal)
     create(out)
-    with locked(out):
+    with locked(out) as lock:
         write_run_settings(out, config)
         write_cache(config, records, store)
         store.remove_progress()
@@ -67,8 +68,10 @@ def run(options: Options) -> int:
         for task, why in due.items():
             if why.startswith("damaged"):
                 say(terminal, f"{task.name}: {why}; it runs again")
-        errors = run_due(list(due), config.engine, store, terminal) if due else {}
+        ready = with_database(due, config)
+        errors = run_due(ready, config.engine, store, terminal) if ready else {}
         problem = None
+        lock.verify()
         try:
             changed = _publish(config, records, store, out, bool(due))
         except StudyError as error:  # a figure could not be written; all other files are
@@ -121,8 +124,11 @@ def run_due(due: list[Task], engine: Engine, store: Store, terminal: Console) ->
     from study.models.unroll import compiler
 
     stages = "1 stage" if len(due) == 1 else f"{len(due)} stages"
-    parallel = min(workers(engine), len(due))
-    say(terminal, f"{stages} to run, {parallel} at a time; results in {store.root.parent}")
+    parallel = f"{min(workers(engine), len(due))} at a time"
+    if engine.address:
+        most = f"at most {engine.workers}" if engine.workers else "the"
+        parallel = f"on {most} workers of {engine.address}"
+    say(terminal, f"{stages} to run, {parallel}; results in {store.root.parent}")
     if compiler.find() is None:
         say(terminal, "no C compiler: networks are unrolled in plain torch, at half the speed")
     return run_displayed(due, engine, store, terminal)

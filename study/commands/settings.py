@@ -26,13 +26,14 @@ Texts = Mapping[str, str | None]
 
 
 def split(
-    arguments: Sequence[str], others: Collection[str]
+    arguments: Sequence[str], others: Collection[str], switches: Collection[str] = ()
 ) -> tuple[dict[str, str | None], list[str]]:
     """Split a command line into flags of settings and other arguments.
 
     Args:
         arguments: the command line after the command.
         others: flags that are not settings, such as ``--out``.
+        switches: those that have no value, such as ``--follow``.
 
     Returns:
         the text of each setting (the last one counts), and the other arguments.
@@ -46,7 +47,7 @@ def split(
     while waiting:
         argument = waiting.pop(0)
         flag, equals, text = argument.partition("=")
-        if not flag.startswith("--") or flag in HELP:
+        if not flag.startswith("--") or flag in HELP or argument in switches:
             rest.append(argument)
             continue
         value = text if equals else None

@@ -1,44 +1,63 @@
 """Command `status`: the state and the cost of every stage."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from rich.box import SIMPLE
+from rich.console import Console
+from rich.live import Live
 from rich.table import Table
 
-from study.commands.command import Command, StudyOptions
+from study.commands.command import Command, Flag, StudyOptions
 from study.commands.terminal import console, say, show
 from study.common.errors import BadInput
 from study.common.progress import read_progress
 from study.config.grid import cells, select
 from study.results import timings
+from study.workflow.lease import Holder, read_holder
 from study.workflow.lock import is_locked
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
-The command also works during a run, from another terminal.
+The command also works during a run, from another terminal. For each stage that runs, the table has
+its machine and process, since when it runs, and the number of the attempt: a stage whose worker was
+lost is tried again. With --follow, the table is drawn again until nothing runs; if the output is no
+terminal, it is printed once then.
 
 examples
   python -m study.run status
+  python -m study.run status --follow
   python -m study.run status --config configs/paper.yaml --only 'uav/*'"""
 
 Timing = Mapping[str, Any]
 """The cost of a task, measured by `study.workflow.meter.Meter`, with ``began`` and ``threads``. It
 is empty if the task has not run. Tasks of earlier versions have fewer entries."""
 
+INTERVAL = 2.0
+"""Seconds between two drawings of a table that follows a run."""
 PAUSE = 60.0
 """Seconds without a running task after which a study counts as stopped and resumed."""
 UNKNOWN = "–"
+WHERE = ("where", "since", "attempt")
+"""Columns of the stages that run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(StudyOptions):
-    """Options of `status`: the settings alone."""
+    """Options of `status`.
+
+    Attributes:
+        follow: whether the table is drawn again until nothing runs.
+    """
+
+    follow: Annotated[bool, Flag("draw the table again until nothing runs")] = False
 
 
 def run(options: Options) -> int:
@@ -51,7 +70,13 @@ def run(options: Options) -> int:
     records = record_tasks(config, store)
     tasks = topological_order(records[cell] for cell in selected)
     published = {} if store.root.is_dir() else timings.read(out)
-    costs = {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
+
+    def measured() -> dict[Task, Timing]:
+        return {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
+
+    if options.follow:
+        _follow(lambda: state_table(measured(), store, out), out, terminal)
+    costs = measured()
     terminal.print(state_table(costs, store, out))
     if published:
         say(terminal, f"the stages ran elsewhere: {out} has the results, but no {store.root.name}/")
@@ -61,6 +86,18 @@ def run(options: Options) -> int:
         if duration:
             say(terminal, duration)
     return 0
+
+
+def _follow(table: Callable[[], Table], out: Path, terminal: Console) -> None:
+    """Draw the table again and again while a run holds the results folder."""
+    if not terminal.is_terminal:
+        while is_locked(out):
+            time.sleep(INTERVAL)
+        return
+    with Live(console=terminal, auto_refresh=False, transient=True) as live:
+        while is_locked(out):
+            live.update(table(), refresh=True)
+            time.sleep(INTERVAL)
 
 
 def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
@@ -75,15 +112,21 @@ def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
     table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
         table.add_column(column, no_wrap=True)
+    holders = {task: _holder(task, store) if is_running else None for task in costs}
+    shown = WHERE if any(holders.values()) else ()
+    for column in shown:
+        table.add_column(column, no_wrap=True)
     table.add_column("seconds", justify="right")
     total = 0.0
     for task, cost in costs.items():
         seconds = cost.get("seconds")
         total += seconds or 0.0
         state = "done" if seconds is not None else _state(task, store, is_running)
-        table.add_row(task.stage, task.label, state, "" if seconds is None else f"{seconds:.1f}")
+        where = _where(holders[task])[: len(shown)]
+        number = "" if seconds is None else f"{seconds:.1f}"
+        table.add_row(task.stage, task.label, state, *where, number)
     table.add_section()
-    table.add_row("all", "", "", f"{total:.1f}")
+    table.add_row("all", "", "", *("" for _ in shown), f"{total:.1f}")
     return table
 
 
@@ -139,6 +182,24 @@ def _state(task: Task, store: Store, is_running: bool) -> str:
     if store.failure(task).exists():
         return f"failed: {store.failure(task).read_text(encoding='utf-8').strip()}"
     return "to do"
+
+
+def _holder(task: Task, store: Store) -> Holder | None:
+    """The process that runs the task; None if none does, or if it has ended."""
+    with suppress(OSError):
+        holder = read_holder(store.lease(task))
+        return None if holder is None or holder.has_ended else holder
+    return None
+
+
+def _where(holder: Holder | None) -> tuple[str, ...]:
+    """The cells of `WHERE`."""
+    if holder is None:
+        return ("",) * len(WHERE)
+    since = datetime.fromisoformat(holder.since)
+    is_today = since.date() == datetime.now(since.tzinfo).date()
+    at = f"{since:%H:%M:%S}" if is_today else f"{since:%Y-%m-%d %H:%M}"
+    return f"{holder.host}, process {holder.process}", at, str(holder.attempt)
 
 
 def _cost_columns(timings: Sequence[Timing], total: float) -> list[str]:

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from study.commands.run_all import run_due
 from study.config.grid import Cell, cells, select
-from study.config.settings import Config, Engine
+from study.config.settings import Config
+from study.workflow.searches import with_database
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import topological_order
@@ -55,7 +56,7 @@ def tasks_of(variants: Variants) -> list[Task]:
 
 
 def run_missing(
-    tasks: Iterable[Task], engine: Engine, store: Store, terminal: Console
+    tasks: Iterable[Task], config: Config, store: Store, terminal: Console
 ) -> dict[Task, str]:
     """Run the tasks that are not up to date. The caller has locked the results folder.
 
@@ -64,4 +65,5 @@ def run_missing(
     """
     store.remove_progress()
     due = [task for task in tasks if store.reason_to_run(task) is not None]
-    return run_due(due, engine, store, terminal) if due else {}
+    ready = with_database(due, config)
+    return run_due(ready, config.engine, store, terminal) if ready else {}

@@ -20,6 +20,8 @@ Rerun            ``RERUN``, ``RERUN_*``                              removed
                  ``RUST_LOG``                                        errors alone
 Dask             ``DASK_*``, ``~/.config/dask``, ``/etc/dask``       removed; `workflow.engine`
                                                                      begins at the defaults
+                 the same, ``distributed.comm`` alone                kept: how to connect to the
+                                                                     scheduler `engine.address`
 Optuna           ``OPTUNA_*``                                        removed
 fsspec           ``FSSPEC_*``                                        removed
 jsonargparse     ``JSONARGPARSE_*``                                  removed
@@ -67,8 +69,12 @@ VARIABLES = (
 )
 """Variables that are removed."""
 
-KEPT = ("KMP_DUPLICATE_LIB_OK",)
-"""Without it, some installations on macOS end when they load torch."""
+KEPT = ("KMP_DUPLICATE_LIB_OK", "SLURM_CONF")
+"""Without the first, some installations on macOS end when they load torch. The second names the
+settings of SLURM, which `sbatch` reads."""
+
+KEPT_PREFIX = "DASK_DISTRIBUTED__COMM__"
+"""Begins the variables that say how to connect to a Dask scheduler, such as its certificates."""
 
 VALUES = {
     "MPLBACKEND": "agg",
@@ -97,7 +103,8 @@ def isolate() -> None:
     if os.environ.get("MUJOCO_GL") != "glfw":
         os.environ.pop("MUJOCO_GL", None)
     for name in list(os.environ):
-        if (name in VARIABLES or name.startswith(PREFIXES)) and name not in KEPT:
+        is_kept = name in KEPT or name.startswith(KEPT_PREFIX)
+        if (name in VARIABLES or name.startswith(PREFIXES)) and not is_kept:
             del os.environ[name]
     os.environ.update(VALUES)
     if sys.warnoptions:

@@ -1,7 +1,7 @@
 """Settings to JSON and back."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -38,6 +38,18 @@ def _convert(annotation: Any, value: Any) -> Any:
     if is_dataclass(annotation) and isinstance(annotation, type):
         return from_json(annotation, value)
     return tuple(value) if get_origin(annotation) is tuple else value
+
+
+def to_json(settings: Any) -> dict[str, Any]:
+    """What `from_json` reads: `dataclasses.asdict`, without what ``stored=False`` excludes."""
+    values: dict[str, Any] = asdict(settings)
+    for entry in fields(settings):
+        value = getattr(settings, entry.name)
+        if not entry.metadata.get("stored", True):
+            del values[entry.name]
+        elif is_dataclass(value):
+            values[entry.name] = to_json(value)
+    return values
 
 
 def by_dotted_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

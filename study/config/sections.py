@@ -26,7 +26,10 @@ _registered: dict[str, type[Any]] = {}
 
 
 def setting(default: Any, **allowed: Any) -> Any:
-    """A field of a section, with bounds `low` and `high`, both inclusive, or with `choices`."""
+    """A field of a section, with bounds `low` and `high`, both inclusive, or with `choices`.
+
+    With ``stored=False`` the setting is not written to files, and no task's key depends on it.
+    """
     return field(default=default, metadata=allowed)
 
 

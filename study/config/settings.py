@@ -111,6 +111,9 @@ class Tune:
         evaluations: times a trial is evaluated, and may be pruned.
         validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
+        storage: URL of a database of Optuna for all searches, postgresql://… or sqlite:///…; null
+            is a journal file for each search. No number depends on it, and no file stores it, since
+            it may have a password.
     """
 
     trials: int = setting(4, low=1, high=10**5)
@@ -120,6 +123,7 @@ class Tune:
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
     samples: int = setting(16, low=2, high=10**4)
+    storage: str | None = setting(None, stored=False)
 
 
 @dataclass(frozen=True)
@@ -192,14 +196,41 @@ class Engine:
     """Where the stages run. Numbers depend on `threads`, by rounding, and on nothing else here.
 
     Args:
-        kind: `serial` (in this process) or `dask` (local worker processes).
-        workers: worker processes; 0 starts one for each `threads` cores.
+        kind: `serial` (in this process), `dask` (worker processes), or `slurm` (worker processes in
+            jobs of SLURM).
+        workers: worker processes; 0 starts one for each `threads` cores. With an address, how many
+            workers of the cluster are used at most; 0 uses all. With SLURM, those of all jobs at
+            most; 0 is one job.
         threads: CPU threads of each stage.
+        address: of an existing Dask scheduler, such as tcp://host:8786; empty starts local workers.
+        retries: how often a stage is tried again after its worker was lost.
+        lease: seconds after which the stage of a worker that shows no life may run elsewhere.
+        cores: CPU cores of a job; `threads` of them are one worker.
+        memory: of a job, such as 8GB.
+        walltime: of a job, as HOURS:MINUTES:SECONDS or DAYS-HOURS:MINUTES:SECONDS. Workers end five
+            minutes earlier, so that no stage may take longer.
+        partition: of SLURM; empty is the default one.
+        account: of SLURM, to which jobs are charged; empty is the default one.
+        directives: further options of a job, such as ``--gres=gpu:1`` or ``--exclusive``.
+        prologue: commands of the shell before a job's workers start, such as ``module load gcc``.
+        interface: network interface between workers and scheduler, such as ib0; empty is the one of
+            the machine's name.
     """
 
-    kind: str = setting("dask", choices=("serial", "dask"))
+    kind: str = setting("dask", choices=("serial", "dask", "slurm"))
     workers: int = setting(0, low=0, high=1000)
     threads: int = setting(1, low=1, high=1000)
+    address: str = ""
+    retries: int = setting(3, low=0, high=100)
+    lease: int = setting(60, low=2, high=86_400)
+    cores: int = setting(1, low=1, high=1000)
+    memory: str = "4GB"
+    walltime: str = "04:00:00"
+    partition: str = ""
+    account: str = ""
+    directives: tuple[str, ...] = ()
+    prologue: tuple[str, ...] = ()
+    interface: str = ""
 
 
 @dataclass(frozen=True)

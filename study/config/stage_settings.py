@@ -120,11 +120,31 @@ class TrainSettings:
 
 
 @dataclass(frozen=True)
+class Database:
+    """A search in a database of Optuna.
+
+    Attributes:
+        url: of the database; it may have a password.
+        search: name of the search in the database.
+    """
+
+    url: str
+    search: str
+
+
+@dataclass(frozen=True)
 class TuneSettings:
-    """Stage tune: the search for β, by short fits of the cell's model."""
+    """Stage tune: the search for β, by short fits of the cell's model.
+
+    Attributes:
+        fit: the fit of the cell's model, which a trial shortens.
+        tune: settings of the search.
+        database: of the trials; None for a journal file. The task's key does not depend on it.
+    """
 
     fit: TrainSettings
     tune: Tune
+    database: Database | None = field(default=None, metadata={"stored": False})
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class Setting:
         name: of the field of the section.
         kind: its type.
         default: its default.
-        metadata: bounds `low` and `high`, or `choices`.
+        metadata: bounds `low` and `high`, `choices`, or `stored`.
     """
 
     section: str
@@ -38,6 +38,11 @@ class Setting:
     kind: Any
     default: Any
     metadata: Mapping[str, Any]
+
+    @property
+    def is_stored(self) -> bool:
+        """Whether files of a study have the setting."""
+        return bool(self.metadata.get("stored", True))
 
 
 def section_classes() -> dict[str, type[Any]]:
@@ -108,13 +113,14 @@ def values_of(config: Config) -> dict[str, Any]:
 
 
 def to_json(config: Config) -> dict[str, Any]:
-    """The settings as sections of JSON.
+    """The settings that files store, as sections of JSON.
 
     Of models' own settings and of recorded systems, those of the grid.
     """
     nested: dict[str, Any] = {}
+    known = known_settings()
     for key, value in values_of(config).items():
-        if _is_used(key, config.grid):
+        if known[key].is_stored and _is_used(key, config.grid):
             *path, name = _split(key)
             section = nested
             for part in path:
@@ -136,7 +142,8 @@ def from_json(values: Mapping[str, Any], unknown: Iterable[str] = ()) -> Config:
     given = flatten(values)
     config = config_of(given)
     for key, each in known_settings().items():
-        if key not in given and each.section not in unknown and _is_used(key, config.grid):
+        is_expected = each.is_stored and each.section not in unknown and _is_used(key, config.grid)
+        if key not in given and is_expected:
             raise BadInput(f"the setting '{key}' is missing")
     return config
 

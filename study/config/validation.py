@@ -4,9 +4,13 @@ import re
 
 from study.common.errors import BadInput, shown
 from study.common.registry import check_name
+from study.common.secrets import without_passwords
+from study.config.jobs import check_jobs
 from study.config.settings import Config
 from study.config.stage_settings import TrainingSet
 
+DATABASE = re.compile(r"(postgresql(\+\w+)?://([^@\s]*@)?|sqlite:///)[^@\s]+")
+"""URLs of `tune.storage`."""
 LEAST = 2
 """Training trajectories of a level, at least."""
 
@@ -24,6 +28,12 @@ def check_together(config: Config) -> None:
         )
     _check_levels(config)
     tune = config.tune
+    if tune.storage is not None and not DATABASE.fullmatch(tune.storage):
+        raise BadInput(
+            f"tune.storage: got {shown(without_passwords(tune.storage))}; it must be a URL such as "
+            "postgresql://USER@HOST/DATABASE or sqlite:////FOLDER/FILE.db; in a password, write @ "
+            "as %40 and / as %2F"
+        )
     if tune.beta_low > tune.beta_high:
         raise BadInput(
             f"tune.beta_low: got {tune.beta_low}; it must be at most tune.beta_high, "
@@ -32,6 +42,18 @@ def check_together(config: Config) -> None:
     if tune.evaluations > tune.steps:
         raise BadInput(
             f"tune.evaluations: got {tune.evaluations}; at most tune.steps, {tune.steps}"
+        )
+    check_jobs(config.engine)
+    address = config.engine.address
+    if address and config.engine.kind != "dask":
+        raise BadInput(
+            f"engine.address: got {shown(address)} with engine.kind {config.engine.kind}; it needs "
+            "--engine.kind dask"
+        )
+    if address and not re.fullmatch(r"[a-z]+://[^\s/]+:[0-9]{1,5}/?", address):
+        raise BadInput(
+            f"engine.address: got {shown(address)}; it must be like tcp://host:8786 or "
+            "tls://host:8786"
         )
     if config.ensemble.cross_fit and config.ensemble.members < 2:
         raise BadInput("ensemble.members: got 1; ensemble.cross_fit needs at least 2")

@@ -1,13 +1,15 @@
 """Stage tune: Optuna searches β, uniformly in log β, by the score of validation forecasts.
 
 Writes ``tuning.json`` (the best β and every trial) and ``journal.log``, an Optuna journal that
-``optuna-dashboard`` opens. A stopped search can be resumed, with the same result: a trial depends
-only on the cell's seed and on the trials that ended before it.
+``optuna-dashboard`` opens. With `tune.storage`, a database has the trials instead of the journal.
+A stopped search can be resumed, with the same result: a trial depends only on the cell's seed and
+on the trials that ended before it.
 """
 
 import gc
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,6 @@ import numpy as np
 import optuna
 from lightning.pytorch.callbacks import Callback
 from optuna.samplers import BaseSampler, PartialFixedSampler, TPESampler
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from study.common.errors import StudyError
@@ -30,6 +30,7 @@ from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
 from study.training.fit import FitOptions, fit
 from study.training.inputs import prepare
+from study.training.search_storage import database, explained, journal
 from study.training.validation import LogForecastScore
 
 RESUMABLE = True
@@ -39,8 +40,35 @@ ENDED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """Run the stage."""
+    with explained(settings.database.url if settings.database else None):
+        search = _open_search(settings, out)
+        _run_trials(search, settings, inputs, out, progress)
+        ended = search.get_trials(deepcopy=False, states=ENDED)
+    complete = (trial for trial in ended if trial.state == TrialState.COMPLETE)
+    best = min(complete, key=attrgetter("value"))  # of equal ones the first
+    write_json(
+        out / "tuning.json",
+        {
+            "beta": best.params["beta"],
+            "score": best.value,
+            "trials": [trial_to_json(number, trial) for number, trial in enumerate(ended)],
+        },
+    )
+
+
+def _run_trials(
+    search: optuna.Study,
+    settings: TuneSettings,
+    inputs: Mapping[str, Path],
+    out: Path,
+    progress: Progress,
+) -> None:
+    """Run trials until as many have ended as the settings say.
+
+    Raises:
+        StudyError: a score is not finite.
+    """
     tune = settings.tune
-    search = _open_search(settings, out)
     while (index := len(search.get_trials(deepcopy=False, states=ENDED))) < tune.trials:
         search.sampler = sampler(index, settings)
         trial = search.ask()
@@ -57,24 +85,16 @@ def run(settings: TuneSettings, inputs: Mapping[str, Path], out: Path, progress:
                 f"beta {beta:.3g}: the validation score is {score}; "
                 "change tune.beta_low or tune.beta_high"
             )
-    ended = search.get_trials(deepcopy=False, states=ENDED)
-    write_json(
-        out / "tuning.json",
-        {
-            "beta": search.best_params["beta"],
-            "score": search.best_value,
-            "trials": [trial_to_json(number, trial) for number, trial in enumerate(ended)],
-        },
-    )
 
 
 def _open_search(settings: TuneSettings, out: Path) -> optuna.Study:
-    """The search in `out`, new or resumed. An interrupted trial counts as failed."""
+    """The search in `out` or in the database, new or resumed. An interrupted trial has failed."""
     optuna.logging.enable_propagation()
     optuna.logging.disable_default_handler()
+    shared = settings.database
     search = optuna.create_study(
-        study_name=f"beta of {settings.fit.model}",
-        storage=JournalStorage(JournalFileBackend(str(out / "journal.log"))),
+        study_name=shared.search if shared else f"beta of {settings.fit.model}",
+        storage=database(shared.url) if shared else journal(out / "journal.log"),
         # Scores of the first half of a fit hardly depend on β, so they prune no trial.
         pruner=optuna.pruners.MedianPruner(
             n_startup_trials=2, n_warmup_steps=settings.tune.steps // 2

@@ -1,20 +1,25 @@
-"""The executors of stages: this process, or parallel worker processes of Dask.
+"""Where stages run: this process, local worker processes of Dask, or those of a Dask cluster.
 
-Both have the interface of `concurrent.futures.Executor`, which is all that the scheduler uses.
-Results do not depend on the engine, since a stage uses `engine.threads` threads in both.
+All have the interface of `study.workflow.workers`, which is all that the scheduler uses. Results do
+not depend on the engine, since a stage uses `engine.threads` threads everywhere. The workers of a
+cluster need the processors and the C compiler of this machine for equal bytes.
 """
 
 import os
 import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from pathlib import Path
+from secrets import token_hex
+from typing import Any
 
 from study.common.errors import BadInput
+from study.config.jobs import workers_of_job
 from study.config.settings import Engine
-
-T = TypeVar("T")
+from study.workflow.cluster import DaskWorkers, connect
+from study.workflow.lease import Terms
+from study.workflow.task import Task
+from study.workflow.workers import SerialWorkers, Workers
 
 # Environment of the worker processes. By default glibc's malloc returns freed memory to the system
 # page by page, which is slow. With these values the process uses the memory for the next batch.
@@ -25,23 +30,14 @@ MEMORY = {
 }
 
 
-class SerialExecutor(Executor):
-    """Runs each call immediately, in this process."""
-
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """A completed future with the result or the exception of the call."""
-        future: Future[T] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
 def workers(engine: Engine) -> int:
-    """The number of tasks that run in parallel."""
+    """The number of tasks that run in parallel; 0 for as many as a cluster has workers."""
     if engine.kind == "serial":
         return 1
+    if engine.address:
+        return engine.workers
+    if engine.kind == "slurm":
+        return engine.workers or workers_of_job(engine)
     return engine.workers or max(1, cores() // engine.threads)
 
 
@@ -52,25 +48,50 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+def terms(engine: Engine) -> Terms:
+    """The terms of the leases of a new run."""
+    return Terms(float(engine.lease), engine.retries, token_hex(6))
+
+
 @contextmanager
-def executor(engine: Engine) -> Iterator[Executor]:
+def start(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Workers]:
     """Start the engine, and stop it on exit.
 
+    Args:
+        engine: the settings.
+        root: folder of the store.
+        tasks: those of the run.
+
     Raises:
-        BadInput: a file of Dask's settings, of the user or the machine, is damaged.
+        BadInput: a file of Dask's settings, of the user or the machine, is damaged; or a cluster
+            cannot run the tasks.
     """
     if engine.kind == "serial":
-        yield SerialExecutor()
+        yield SerialWorkers()
         return
     try:
         import dask
-        from distributed import Client, LocalCluster, WorkerPlugin
     except ValueError as error:
         raise BadInput(
             f"Dask cannot be started: {' '.join(str(error).split())[:200]}; mend that file, or use "
             "--engine.kind serial"
         ) from None
     dask.config.refresh(paths=[], env={})  # its defaults, without files and variables
+    if engine.kind == "slurm":
+        from study.workflow.slurm import submitted
+
+        with submitted(engine, root, tasks) as pool:
+            yield pool
+        return
+    with connect(engine, root, tasks) if engine.address else _local(engine) as pool:
+        yield pool
+
+
+@contextmanager
+def _local(engine: Engine) -> Iterator[DaskWorkers]:
+    """Worker processes of this machine, which end with this process."""
+    import dask
+    from distributed import Client, LocalCluster, WorkerPlugin
 
     class IgnoreInterrupts(WorkerPlugin):
         """Ctrl-C reaches every process of the terminal. Only the main process handles it."""
@@ -105,7 +126,7 @@ def executor(engine: Engine) -> Iterator[Executor]:
         Client(cluster) as client,
     ):
         client.register_plugin(IgnoreInterrupts())
-        pool = client.get_executor(pure=False, retries=0)
+        pool = DaskWorkers(client, workers(engine))
         try:
             yield pool
         finally:  # results of running tasks are no longer needed

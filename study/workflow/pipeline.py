@@ -13,6 +13,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from study.common.seeds import derive
+from study.config.convert import to_json
 from study.config.grid import Cell
 from study.config.names import FROM_DATA
 from study.config.recorded import Recorded, recorded_of
@@ -185,4 +186,4 @@ class Pipeline:
         """A task that depends on the source of its stage and of registered classes."""
         modules = (registered.__module__ for registered in classes)
         source = source_digests((f"study.stages.{stage}", *modules))
-        return Task(stage, label, asdict(settings), inputs, source, self.config.plugins)
+        return Task(stage, label, to_json(settings), inputs, source, self.config.plugins)

@@ -1,90 +1,105 @@
 """Run tasks in parallel, every task after its inputs.
 
-Of the ready tasks, the one with the longest chain of dependent tasks starts first (list scheduling
-by critical path). So only short chains remain near the end, and all workers stay busy.
+A task whose worker was lost is tried again, `engine.retries` times. A task that fails by an error
+of its own is not, since it would fail again.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 
 from study.common.files import write_text
+from study.workflow.lease import USUAL, Terms
 from study.workflow.store import Store
 from study.workflow.task import Task
+from study.workflow.task_queue import TaskQueue
 from study.workflow.worker import Outcome, execute
+from study.workflow.workers import Workers
 
 NOT_RUN = "not run"
 """Begins the error of a task that was not run."""
+LOOK = 5.0
+"""Seconds between two looks at how many workers there are, at most."""
 
 
 def run_tasks(
     tasks: Iterable[Task],
     store: Store,
-    executor: Executor,
-    workers: int,
+    workers: Workers,
     threads: int,
     started: Callable[[Task], None],
     ended: Callable[[Outcome], None],
+    terms: Terms = USUAL,
+    lost: Callable[[Task, str], None] = lambda task, why: None,
 ) -> dict[Task, str]:
     """Run all tasks but those whose inputs failed.
 
     Args:
         tasks: in an order in which every task comes after its inputs.
         store: holds the folders of the tasks.
-        executor: see `study.workflow.engine`.
-        workers: number of tasks that run at a time.
+        workers: see `study.workflow.engine`.
         threads: CPU threads of a task.
         started: called with a task when the task starts.
         ended: called with the outcome of a task when the task ends.
+        terms: of the leases of tasks, with the number of retries.
+        lost: called with a task that is tried again, and why its worker was lost.
 
     Returns:
         the error, in one line, of every task that failed or was not run.
+
+    Raises:
+        StudyError: the workers cannot be reached any more.
     """
-    waiting = longest_first(list(tasks))
+    queue = TaskQueue(tasks, workers.resource)
     errors: dict[Task, str] = {}
+    attempts: Counter[Task] = Counter()
     running: dict[Future[Outcome], Task] = {}
-    unfinished = set(waiting)
-    while waiting or running:
-        for task in list(waiting):
-            failed = [source for source in task.inputs.values() if source in errors]
-            if failed:
-                waiting.remove(task)
-                unfinished.discard(task)
-                errors[task] = f"{NOT_RUN}: {failed[0].name} failed"
-                ended(Outcome(task, 0.0, errors[task]))
-            elif len(running) < workers and not unfinished.intersection(task.inputs.values()):
-                waiting.remove(task)
-                started(task)
-                running[executor.submit(execute, task, store.root, threads)] = task
-        completed, _ = wait(running, return_when=FIRST_COMPLETED)
+
+    def end(outcome: Outcome) -> None:
+        task = outcome.task
+        if outcome.error is None:
+            queue.finish(task)
+        else:
+            errors[task] = outcome.error
+        ended(outcome)
+        if outcome.error is not None:
+            for dependent in queue.drop_dependents(task):
+                end(Outcome(dependent, 0.0, f"{NOT_RUN}: {task.name} failed"))
+
+    while queue or running:
+        for task in queue.pop(workers.rooms(), running.values()):
+            started(task)
+            running[workers.submit(execute, task, store.root, threads, terms)] = task
+        completed, _ = wait(running, timeout=LOOK, return_when=FIRST_COMPLETED)
         for future in completed:
             task = running.pop(future)
-            outcome = _outcome(task, future)
-            unfinished.discard(task)
+            attempts[task] += 1
+            outcome = _outcome(future)
+            if outcome is None and attempts[task] <= terms.retries:
+                lost(task, _why(future))
+                queue.push(task)
+                continue
+            if outcome is None:
+                times = f" {attempts[task]} times" if attempts[task] > 1 else ""
+                outcome = Outcome(task, 0.0, f"the worker was lost{times} ({_why(future)})")
             if outcome.error is not None:
-                errors[task] = outcome.error
                 write_text(store.failure(task), outcome.error + "\n")
-            ended(outcome)
+            end(outcome)
     return errors
 
 
-def longest_first(tasks: list[Task]) -> list[Task]:
-    """Tasks by the length of the longest chain of tasks that follows each, longest first.
-
-    Args:
-        tasks: in an order in which every task comes after its inputs. The result is in such an
-            order, too; ties keep their order.
-    """
-    length = dict.fromkeys(tasks, 0)
-    for task in reversed(tasks):
-        for source in task.inputs.values():
-            length[source] = max(length.get(source, 0), length[task] + 1)
-    return sorted(tasks, key=length.__getitem__, reverse=True)
-
-
-def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
-    """The task's outcome, which is a failure if the worker process died."""
+def _outcome(future: Future[Outcome]) -> Outcome | None:
+    """The outcome of a task; None if its worker was lost."""
     try:
         return future.result()
+    except Exception:
+        return None
+
+
+def _why(future: Future[Outcome]) -> str:
+    """The error of a future in one line."""
+    try:
+        future.result()
     except Exception as error:
-        message = " ".join(str(error).split())[:300]
-        return Outcome(task, 0.0, f"the worker was lost ({type(error).__name__}: {message})")
+        return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+    return ""

@@ -4,11 +4,18 @@ A task's key is a hash of its settings, its source and the keys of its inputs. S
 leads to another folder, and folders of tasks that do not depend on the setting stay valid. A stage
 writes into a temporary folder, which gets its final name when it is complete. The manifest of a
 folder holds the SHA-256 of every file.
+
+Several workers may share the folders on a file server. Each attempt at a task writes into a
+temporary folder of its own, and the first complete folder stays. So a worker that was believed to
+be lost cannot write into the folder of its successor.
 """
 
 import json
+import os
 import shutil
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +26,10 @@ from study.workflow.task import Task
 
 TIMING = "timing.json"
 """Wall time, CPU time and memory. These differ between runs, so the manifest excludes them."""
+
+CACHED = 90.0
+"""Seconds for which a file server's client may not see a new folder of another machine. NFS keeps
+the names of a folder for up to 60 seconds by default."""
 
 
 class Store:
@@ -31,9 +42,18 @@ class Store:
         """The folder of the task's complete output."""
         return self.root / task.stage / task.key[:16]
 
-    def partial(self, task: Task) -> Path:
-        """The folder into which the task writes while it runs."""
-        return self.root / task.stage / f".{task.key[:16]}.partial"
+    def partial(self, task: Task, attempt: str = "") -> Path:
+        """The folder into which the task writes while it runs.
+
+        Args:
+            task: the task.
+            attempt: identifies the attempt at the task, where several workers share the store.
+        """
+        return self.root / task.stage / f".{task.key[:16]}{'.' * bool(attempt)}{attempt}.partial"
+
+    def lease(self, task: Task) -> Path:
+        """The file that names the process that runs the task (`study.workflow.lease`)."""
+        return self.root / task.stage / f".{task.key[:16]}.lease"
 
     def log(self, task: Task) -> Path:
         """The log of the task's last run."""
@@ -52,20 +72,36 @@ class Store:
         """The file with the error of the task's last run, in one line; missing if it succeeded."""
         return self.log(task).with_suffix(".error")
 
-    def begin(self, task: Task, resumable: bool) -> Path:
+    def begin(self, task: Task, resumable: bool, attempt: str = "") -> Path:
         """The folder to write into: empty, or, if `resumable`, with the files of a stopped run.
 
+        The files are copied, since the process that was stopped may continue and write to them.
         The files of a failed run are always removed, since they may have caused the failure.
         """
-        out = self.partial(task)
-        if out.exists() and (not resumable or self.failure(task).exists()):
-            shutil.rmtree(out)
+        out = self.partial(task, attempt)
+        leftovers = self._leftovers(task)
+        previous = [path for path in leftovers if path.suffix == ".partial"]
+        new = out.with_suffix(".new")
+        new.mkdir(parents=True, exist_ok=True)
+        if resumable and previous and not self.failure(task).exists():
+            shutil.copytree(previous[-1], new, dirs_exist_ok=True)
+        for path in leftovers:
+            shutil.rmtree(path, ignore_errors=True)
         self.failure(task).unlink(missing_ok=True)
-        out.mkdir(parents=True, exist_ok=True)
+        new.replace(out)
         return out
 
+    def discard(self, task: Task, attempt: str = "") -> None:
+        """Remove the temporary folder of an attempt."""
+        shutil.rmtree(self.partial(task, attempt), ignore_errors=True)
+
     def finish(
-        self, task: Task, timing: Mapping[str, Any], runtime: Mapping[str, Any] | None = None
+        self,
+        task: Task,
+        timing: Mapping[str, Any],
+        runtime: Mapping[str, Any] | None = None,
+        attempt: str = "",
+        verify: Callable[[], None] | None = None,
     ) -> None:
         """Complete the folder: write checksums and manifest, and rename it into place.
 
@@ -73,11 +109,13 @@ class Store:
             task: the task.
             timing: what it cost; differs from run to run.
             runtime: with what it was computed (`study.models.runtime`), for the manifest.
+            attempt: that of `begin`.
+            verify: called just before the folder gets its name; raises if it must not.
 
         Raises:
             StudyError: a file cannot be read back.
         """
-        out = self.partial(task)
+        out = self.partial(task, attempt)
         files = {}
         for path in sorted(out.rglob("*")):
             if path.is_file() and path.name not in (MANIFEST, TIMING):
@@ -95,10 +133,32 @@ class Store:
         }
         write_json(out / TIMING, timing)
         write_json(out / MANIFEST, manifest)
-        target = self.folder(task)
-        if target.exists():  # a damaged folder; with a complete one the task would not have run
-            shutil.rmtree(target)
-        out.replace(target)
+        if verify is not None:
+            verify()
+        self._publish(task, out)
+        for path in self._leftovers(task):
+            shutil.rmtree(path, ignore_errors=True)
+
+    def is_complete(self, task: Task) -> bool:
+        """Whether the task's folder is there, and every file is as it was written."""
+        folder = self.folder(task)
+        return folder.exists() and self._damage(folder, task) is None
+
+    def is_visible(self, task: Task, seconds: float = CACHED) -> bool:
+        """Whether this machine sees the folder that another one completed, after a while at most.
+
+        Args:
+            task: the task.
+            seconds: to wait at most, since a file server's client keeps old names for a while.
+        """
+        manifest, since = self.folder(task) / MANIFEST, time.monotonic()
+        while not manifest.exists():
+            if time.monotonic() - since > seconds:
+                return False
+            with suppress(OSError):
+                os.listdir(manifest.parent.parent)  # opening a folder asks the server
+            time.sleep(0.1)
+        return True
 
     def reason_to_run(self, task: Task) -> str | None:
         """Why the task has to run, such as `missing` or `config changed: …`; None if not."""
@@ -115,6 +175,26 @@ class Store:
         except (OSError, ValueError):
             return {}
         return timing if isinstance(timing, dict) else {}
+
+    def _leftovers(self, task: Task) -> list[Path]:
+        """The temporary folders of all attempts at the task, the newest last."""
+        found = (self.root / task.stage).glob(f".{task.key[:16]}*/")
+        return sorted(found, key=_modified)
+
+    def _publish(self, task: Task, out: Path) -> None:
+        """Rename `out` to the task's folder, unless another worker has completed that one."""
+        target = self.folder(task)
+        if target.exists():
+            if self._damage(target, task) is None:
+                return
+            damaged = out.with_suffix(".damaged")
+            target.replace(damaged)
+            shutil.rmtree(damaged, ignore_errors=True)
+        try:
+            out.replace(target)
+        except OSError:
+            if not self.is_complete(task):
+                raise
 
     def _damage(self, folder: Path, task: Task) -> str | None:
         """The path of the first file that is not as it was written; None if all are."""
@@ -151,6 +231,13 @@ class Store:
             return f"source changed: {', '.join(modules[:3])}{' …' if len(modules) > 3 else ''}"
         inputs = [n for n, t in task.inputs.items() if previous["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
+
+
+def _modified(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:  # another process has just removed it
+        return 0.0
 
 
 def _changed(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:

@@ -20,6 +20,8 @@ class Task:
         inputs: earlier tasks, by the stage's name for their folder.
         source: digest of every module that the stage reaches, by name (`study.workflow.source`).
         plugins: modules to import first. The key does not depend on them.
+        services: further settings of the stage: what it uses and no result depends on, such as the
+            database of its trials. Neither the key nor a file has them.
     """
 
     stage: str
@@ -28,6 +30,7 @@ class Task:
     inputs: Mapping[str, "Task"] = field(default_factory=dict)
     source: Mapping[str, str] = field(default_factory=dict)
     plugins: tuple[str, ...] = ()
+    services: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
     def key(self) -> str:

@@ -3,6 +3,7 @@
 import importlib
 import logging
 import random
+import socket
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping
@@ -14,10 +15,12 @@ from typing import Any, Protocol, TextIO
 
 import numpy as np
 
+from study.common.errors import explain
 from study.common.progress import Progress
 from study.config.convert import from_json
 from study.config.stage_settings import STAGES
 from study.workflow.checks import check_classes
+from study.workflow.lease import USUAL, Holder, Lease, LeaseLost, Terms, hold
 from study.workflow.meter import Meter
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -43,6 +46,10 @@ class Stage(Protocol):
         ...
 
 
+class InputMissing(Exception):
+    """This machine does not see the folder of an earlier stage."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a task ended.
@@ -58,43 +65,106 @@ class Outcome:
     error: str | None = None
 
 
-def execute(task: Task, root: Path, threads: int) -> Outcome:
+class LeasedProgress(Progress):
+    """The progress of a stage, which ends the stage if its lease is lost.
+
+    Args:
+        path: the file to write.
+        lease: of the stage.
+    """
+
+    def __init__(self, path: Path, lease: Lease) -> None:
+        super().__init__(path)
+        self.lease = lease
+
+    def _report(self, fraction: float, message: str) -> None:
+        self.lease.check()
+        with suppress(FileNotFoundError):  # another holder has written at the same moment
+            super()._report(fraction, message)
+
+
+def execute(task: Task, root: Path, threads: int, terms: Terms = USUAL) -> Outcome:
     """Run the task and complete its folder. An exception of the stage becomes an `Outcome`.
+
+    Nothing runs if another process completes the folder while this one waits for the lease.
 
     Args:
         task: the task.
         root: folder of the store.
         threads: CPU threads of the stage.
+        terms: of the lease.
+
+    Raises:
+        LeaseLost: this process was stopped for so long that another one runs the task.
+        InputMissing: this machine does not see the folder of an earlier stage.
     """
     store = Store(root)
     began, meter = datetime.now(UTC), Meter()
+    progress = Progress(store.progress(task))
+
+    def waits(holder: Holder) -> None:
+        progress(0.0, f"waits for {holder.host}, process {holder.process}")
+
+    try:
+        with hold(store.lease(task), terms, waits) as lease:
+            if store.is_complete(task):
+                return Outcome(task, 0.0)
+            if lease.attempt > terms.retries + 1:
+                return Outcome(task, 0.0, f"its worker was lost {lease.attempt - 1} times")
+            for source in task.inputs.values():
+                if not store.is_visible(source):
+                    raise InputMissing(f"no {store.folder(source)} on {socket.gethostname()}")
+            error = _run_logged(task, store, threads, lease, began, meter)
+    except OSError as problem:  # the lease cannot be written
+        error = explain(problem)
+    finally:
+        store.progress(task).unlink(missing_ok=True)
+    return Outcome(task, meter.read()["seconds"], error)
+
+
+def _run_logged(
+    task: Task, store: Store, threads: int, lease: Lease, began: datetime, meter: Meter
+) -> str | None:
+    """Run the task with a log of its own.
+
+    Returns:
+        the error in one line; None if the folder is complete.
+
+    Raises:
+        LeaseLost: another process runs the task; nothing is left of this attempt.
+    """
     log = store.log(task)
     log.parent.mkdir(parents=True, exist_ok=True)
-    progress = Progress(store.progress(task))
-    error = None
+    log.unlink(missing_ok=True)  # a holder that was lost may still write to the old one
+    progress = LeasedProgress(store.progress(task), lease)
     with _logged(log):
         try:
             prepare(task.plugins, threads)
-            out = store.begin(task, getattr(_module(task), "RESUMABLE", False))
+            out = store.begin(task, getattr(_module(task), "RESUMABLE", False), lease.token)
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
             check_classes(task, inputs)
             run_stage(task, inputs, out, progress)
             began_at = began.isoformat(timespec="milliseconds")
             timing = {"began": began_at, "threads": threads} | meter.read()
-            store.finish(task, timing, _runtime())
+            store.finish(task, timing, _runtime(), lease.token, lease.verify)
         except Exception as problem:
+            try:
+                lease.verify()  # without the lease, the error may come from the new holder
+            except LeaseLost:
+                store.discard(task, lease.token)
+                raise
+            except OSError:
+                pass
             with suppress(OSError):  # the disk may be full
                 traceback.print_exc()
-            error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]
-        finally:
-            store.progress(task).unlink(missing_ok=True)
-    return Outcome(task, meter.read()["seconds"], error)
+            return f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]
+    return None
 
 
 def run_stage(task: Task, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
     """Run the task's stage on the folders `inputs`, into the folder `out`. Call `prepare` first."""
-    settings: Any = from_json(STAGES[task.stage], task.settings)
+    settings: Any = from_json(STAGES[task.stage], {**task.settings, **task.services})
     _module(task).run(settings, inputs, out, progress)
 
 

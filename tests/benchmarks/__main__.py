@@ -7,7 +7,7 @@ import subprocess
 import sys
 from time import perf_counter
 
-BENCHMARKS = ("simulation", "evaluation", "training", "forecasting", "scale", "logs")
+BENCHMARKS = ("simulation", "evaluation", "training", "forecasting", "scale", "logs", "cluster")
 
 
 def main() -> int:

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 
 from study.commands.estimate import SECONDS, SMALLEST, estimate, in_words, work
-from study.common.files import write_json
+from study.common.files import read_json, write_json
 from study.workflow.store import TIMING, Store
 from study.workflow.task import Task
+from tests.helpers.running import ROOT, study
 
 
 def fit(steps: int, batch: int = 12, environment: str = "pusher") -> Task:
@@ -52,3 +53,20 @@ def test_ended_tasks_of_the_same_stage_and_environment_count(tmp_path: Path) -> 
 )
 def test_durations_in_words(seconds: float, expected: str) -> None:
     assert in_words(seconds) == expected
+
+
+def test_the_duration_on_many_workers_from_published_timings() -> None:
+    out = ROOT / "results" / "paper"
+    seconds = read_json(out / "timings.json")["seconds"]
+    lines = study("plan", "--out", out, "--workers", 1).out.splitlines()
+    (first,) = [index for index, line in enumerate(lines) if line.startswith("on 1 worker: ")]
+    assert f"about {in_words(sum(seconds.values()))}, 100% busy, " in lines[first]
+    chain = [" ".join(line.split()[:2]) for line in lines[first + 2 :]]
+    assert lines[first + 1] == f"critical path, {in_words(sum(seconds[n] for n in chain))}:"
+    assert not (out / "work").exists()
+
+
+def test_a_number_of_workers_that_cannot_be() -> None:
+    done = study("plan", "--workers", 0)
+    assert done.code == 2
+    assert done.err == "error: --workers: got 0; it must be at least 1\n"

@@ -34,6 +34,11 @@ BAD = [
     (["all", "--ensemble.cross_fit", "true", "--ensemble.members", "1"], "needs at least 2"),
     (["all", "--vae.teacher_forcing", "alway"], "did you mean 'always'?"),
     (["all", "--engine.kind", "dusk"], "did you mean 'dask'?"),
+    (["all", "--engine.address", "host:8786"], "got 'host:8786'; it must be like tcp://host:8786"),
+    (
+        ["all", "--engine.kind=serial", "--engine.address=tcp://host:1"],
+        "got 'tcp://host:1' with engine.kind serial; it needs --engine.kind dask",
+    ),
     (["all", "--grid.environments", "[pushr]"], "did you mean 'pusher'?"),
     (["all", "--grid.models", "[full_va]"], "did you mean 'full_vae'?"),
     (["all", "--grid.levels", "[medium]"], "give one of low, high"),

@@ -1,17 +1,31 @@
 """The cost of the stages: measured, written, and added up only where it is known."""
 
 import io
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
-from study.commands.status import UNKNOWN, cost_table, duration_line
+from study.commands import status
+from study.commands.status import INTERVAL, UNKNOWN, cost_table, duration_line
 from study.common.files import read_json, write_json
+from study.common.progress import Progress
 from study.workflow import meter
-from tests.helpers.running import ROOT, SMALL, study
+from study.workflow.lease import Terms, hold
+from study.workflow.lock import locked
+from study.workflow.store import Store
+from study.workflow.task import Task
+from study.workflow.task_cache import record_tasks, topological_order
+from tests.helpers.running import ROOT, SMALL, configuration, start, study
 
 MEGABYTE = 1_000_000
 
@@ -115,3 +129,58 @@ def test_published_results_without_their_stages_are_done() -> None:
     assert "to do" not in shown.out
     assert "the stages ran elsewhere" in shown.out
     assert not (out / "work").exists()
+
+
+def _running(copied: Path) -> Task:
+    """The state in which a process of this machine runs a stage of the study."""
+    store = Store(copied / "work")
+    tasks = record_tasks(configuration(*SMALL), store).values()
+    task = next(task for task in topological_order(tasks) if task.stage == "train")
+    shutil.rmtree(store.folder(task))
+    Progress(store.progress(task))(0.25, "step 5")
+    return task
+
+
+def test_where_a_stage_runs_since_when_and_how_often_it_was_tried(copied: Path) -> None:
+    path = Store(copied / "work").lease(_running(copied))
+    with hold(path, Terms(run="a")) as first:
+        left = path.read_bytes()
+    path.write_text(json.dumps(json.loads(left) | {"process": 2**22 + 1}))  # it was killed
+    with locked(copied), hold(path, Terms(run="a")) as second:
+        assert (first.attempt, second.attempt) == (1, 2)
+        lines = study("status", *SMALL, "--out", copied).out.splitlines()
+    (head,) = [line.split() for line in lines if " where " in line]
+    assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds"]
+    (shown,) = [line for line in lines if "running 25% step 5" in line]
+    assert f"{socket.gethostname()}, process {os.getpid()}" in shown
+    assert re.search(r"  \d\d:\d\d:\d\d +2 *$", shown)
+    assert " where " not in study("status", *SMALL, "--out", copied).out  # the run has ended
+
+
+def test_follow_ends_with_the_run(copied: Path) -> None:
+    _running(copied)
+    process = start("status", *SMALL, "--follow", "--out", copied)
+    with locked(copied), pytest.raises(subprocess.TimeoutExpired):
+        process.communicate(timeout=INTERVAL + 1)
+    out, err = process.communicate()
+    assert (process.returncode, err) == (0, "")
+    assert "a run is going on" not in out
+    assert out.count("cost of the stages") == 1
+
+
+def test_follow_draws_again_in_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run ends while the table is shown for the second time."""
+    states = iter([True, True, False])
+    monkeypatch.setattr(status, "is_locked", lambda _: next(states))
+    monkeypatch.setattr(status, "INTERVAL", 0.01)
+    drawn = iter(range(10))
+    terminal = Console(file=io.StringIO(), force_terminal=True)
+
+    def table() -> Table:
+        return Table("stage", title=f"drawing {next(drawn)}")
+
+    status._follow(table, tmp_path, terminal)
+    text = terminal.file.getvalue()  # type: ignore[attr-defined]
+    assert "drawing 0" in text
+    assert "drawing 1" in text
+    assert next(drawn) == 2

@@ -50,9 +50,10 @@ def test_a_stage_that_raises(copied: Path, small: Path, monkeypatch: pytest.Monk
 def test_a_worker_that_dies_and_two_workers_give_the_same_bytes(
     tmp_path: Path, small: Path
 ) -> None:
-    dask = ["--engine.kind", "dask", "--engine.workers", "2"]
+    dask = ["--engine.kind", "dask", "--engine.workers", "2", "--engine.retries", "1"]
     done = run("all", *BOTH, *dask, "--out", tmp_path, QUICKSAND="exit")
-    _check_the_others_finished(done, tmp_path, "the worker was lost")
+    _check_the_others_finished(done, tmp_path, "the worker was lost 2 times")
+    assert done.out.count("collect quicksand: the worker was lost (") == 1
     assert done.err == ""
     repeated = study("all", *SMALL, "--out", tmp_path)
     assert repeated.out.startswith(f"{tmp_path}: no stage to run, results written again\n")
