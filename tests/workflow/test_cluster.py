@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -167,7 +168,7 @@ def test_a_worker_with_the_same_source_packages_and_folder_is_fit(
     ],
 )
 def test_why_a_worker_is_unfit(
-    change: dict[str, object], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    change: dict[str, Any], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("study.workflow.fitness.NUMPY_THREADS", "1")
     answer = why_unfit(replace(_expected(tmp_path), **change), 1)
