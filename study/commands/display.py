@@ -45,7 +45,7 @@ def run_displayed(
     """
     store = Store(store.root.resolve())  # workers of a cluster have other working folders
     with Display(tasks, store, console) as display, start(engine, store.root, tasks) as workers:
-        return run_tasks(
+        errors = run_tasks(
             tasks,
             store,
             workers,
@@ -55,6 +55,10 @@ def run_displayed(
             terms(engine),
             display.lost,
         )
+    for task in tasks:
+        if task not in errors:
+            store.is_visible(task)  # a file server may show folders of other machines late
+    return errors
 
 
 class Display:

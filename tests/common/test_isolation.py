@@ -150,6 +150,7 @@ def test_python_without_assertions_is_refused() -> None:
 
 def test_places_and_hardware_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     kept = {"HOME": "/x", "TMPDIR": "/y", "CUDA_VISIBLE_DEVICES": "1", "MUJOCO_GL": "glfw"}
+    kept["DASK_DISTRIBUTED__COMM__TLS__CA_FILE"] = "/z/ca.pem"
     removed = {"SLURM_PROCID": "1", "RANK": "1", "DASK_CONFIG": "/z", "MATPLOTLIBRC": "/z"}
     for name, value in (kept | removed).items():
         monkeypatch.setenv(name, value)

@@ -24,8 +24,9 @@ class Cluster:
         folder: gets the file of the scheduler's address, and the working folders and logs.
         workers: their number.
         worker_ttl: seconds after which the scheduler gives up a worker that shows no life.
-        environment: variables of the workers.
+        environment: variables of the processes.
         options: of every worker, such as ``--resources GPU=1``.
+        protocol: `tcp`, or `tls` with certificates that the environment names.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class Cluster:
         worker_ttl: float = 300.0,
         environment: dict[str, str] | None = None,
         options: tuple[str, ...] = (),
+        protocol: str = "tcp",
     ) -> None:
-        self.folder, self.options = folder, options
+        self.folder, self.options, self._protocol = folder, options, protocol
         self._environment = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | (environment or {})
         self._ttl = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{worker_ttl}s"}
         self.workers: dict[int, subprocess.Popen[bytes]] = {}
@@ -74,8 +76,9 @@ class Cluster:
         """Start a scheduler, and wait for its address."""
         self._address_file.unlink(missing_ok=True)
         self.scheduler = self._start(
-            "scheduler", "--host=127.0.0.1", f"--port={port}", "--no-dashboard", **self._ttl
-        )
+            "scheduler", f"--host={self._protocol}://127.0.0.1", f"--port={port}",
+            "--no-dashboard", **self._ttl,
+        )  # fmt: skip
         self._wait(self._address_file, self.scheduler)
         return self.scheduler
 

@@ -146,3 +146,12 @@ def test_the_table_of_a_benchmark(tmp_path: Path) -> None:
     assert cells["quick, full VAE", "transitions / s"] == "1,234"
     assert cells["quick, full VAE", "× torch.nn"] == "2.06 (1.90–2.20)"
     assert text.endswith("some processor, 2 cores, Linux.")
+
+
+def test_the_table_of_a_cluster() -> None:
+    row = {"loss": 0.05, "stages": 10_000, "workers": 256, "lost": 512, "busy": 0.914}
+    row |= {"wasted": 0.03, "scheduler_ms": 0.06, "worker_ms": 5.4, "our_share": 0.00015}
+    cells = _cells(benchmark_tables.cluster([row]))
+    assert cells["5%", "stages on workers"] == "10,000 on 256"
+    assert cells["5%", "workers busy"] == "91%"
+    assert cells["5%", "both, of the workers' time"] == "0.01%"

@@ -1,13 +1,16 @@
 """Runs on an existing Dask scheduler, with workers in processes and folders of their own."""
 
 import os
+import shutil
 import signal
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -107,6 +110,28 @@ def test_certificates_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificate")
+def test_certificates_of_dasks_settings_are_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=localhost"
+    pair = ["-keyout", f"{tmp_path}/key.pem", "-out", f"{tmp_path}/cert.pem"]
+    subprocess.run([*command.split(), *pair], check=True, capture_output=True)
+    variables = {"CA_FILE": "cert", "CLIENT__CERT": "cert", "CLIENT__KEY": "key"}
+    for part in ("SCHEDULER", "WORKER"):
+        variables |= {f"{part}__CERT": "cert", f"{part}__KEY": "key"}
+    for name, file in variables.items():
+        monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{name}", f"{tmp_path}/{file}.pem")
+    (tmp_path / "store").mkdir()
+    with Cluster(tmp_path / "cluster", 1, protocol="tls") as cluster:
+        assert cluster.address.startswith("tls://")
+        cluster.wait_for_workers(1)
+        with start(_engine(cluster), tmp_path / "store", []) as workers:
+            assert workers.rooms() == {"": 1}
+            assert workers.submit(_name_of_worker, Task("record", "a", {})).result(60) == 0
+
+
+@pytest.mark.slow
 def test_a_worker_of_several_tasks_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
     cluster.start_worker(9, "--nthreads=2")
     cluster.wait_for_workers(len(cluster.alive()))
@@ -143,7 +168,7 @@ def test_a_worker_with_the_same_source_packages_and_folder_is_fit(
     ],
 )
 def test_why_a_worker_is_unfit(
-    change: dict[str, object], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    change: dict[str, Any], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("study.workflow.fitness.NUMPY_THREADS", "1")
     answer = why_unfit(replace(_expected(tmp_path), **change), 1)

@@ -1,5 +1,6 @@
 """Folders named by what made them: whole or not there, and found out when damaged."""
 
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 
 from study.common.errors import StudyError
 from study.common.provenance import MANIFEST
+from study.workflow.lease import LeaseLost
 from study.workflow.store import Store
 from study.workflow.task import Task
 
@@ -74,6 +76,50 @@ def test_what_was_left(store: Store) -> None:
     store.failure(task()).write_text("it may be why it failed\n")
     assert not left(resumable=True)
     assert not store.failure(task()).exists()
+
+
+def test_each_attempt_has_a_folder_and_resumes_from_a_copy(store: Store) -> None:
+    lost = store.begin(task(), resumable=True, attempt="lost")
+    (lost / "half").write_text("a")
+    still_open = (lost / "half").open("a")
+    successor = store.begin(task(), resumable=True, attempt="next")
+    assert successor != lost
+    assert not lost.exists()
+    still_open.write("b")  # the process that was believed to be lost goes on
+    still_open.close()
+    assert (successor / "half").read_text() == "a"
+
+
+def test_the_first_complete_folder_stays(store: Store) -> None:
+    outs = [store.begin(task(), False, "one"), store.partial(task(), "two")]
+    outs[1].mkdir()
+    for out, text in zip(outs, ("first", "second"), strict=True):
+        (out / "model.bin").write_text(text)
+    store.finish(task(), {}, attempt="one")
+    outs[1].mkdir()
+    (outs[1] / "model.bin").write_text("second")
+    store.finish(task(), {}, attempt="two")
+    assert (store.folder(task()) / "model.bin").read_text() == "first"
+    assert not list(store.folder(task()).parent.glob(".*"))
+
+
+def test_without_its_lease_a_folder_is_not_published(store: Store) -> None:
+    (store.begin(task(), False, "lost") / "model.bin").write_text("late")
+
+    def verify() -> None:
+        raise LeaseLost
+
+    with pytest.raises(LeaseLost):
+        store.finish(task(), {}, attempt="lost", verify=verify)
+    assert store.reason_to_run(task()) == "missing"
+
+
+def test_a_folder_is_waited_for(store: Store) -> None:
+    assert not store.is_visible(task(), seconds=0.0)
+    later = threading.Timer(0.2, finish, (store, task()))
+    later.start()
+    assert store.is_visible(task(), seconds=30.0)
+    later.join()
 
 
 def _flip(path: Path) -> None:
