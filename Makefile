@@ -14,8 +14,7 @@ test: $(VENV)/.test
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 # The tests of every room but the slow ones: under 90 seconds on two cores. One thread a process.
-quick# All tests, in as many processes as there are cores but at most 4. One thread a process.
-test: $(VENV)/.test
+quicktest: $(VENV)/.test
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto -m 'not slow and not viewer and not browser'
 
 lint: $(VENV)/.test
