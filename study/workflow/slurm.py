@@ -300,7 +300,9 @@ def _is_gone(job_id: str) -> bool:
         return False
     with suppress(OSError, subprocess.TimeoutExpired):
         command = ["squeue", "--noheader", "--job", job_id, "--format", "%T"]
-        answer = subprocess.run(command, capture_output=True, text=True, timeout=30)
+        answer = subprocess.run(
+            command, capture_output=True, text=True, encoding="utf-8", timeout=30
+        )
         is_unknown = "Invalid job id" in answer.stderr
         return is_unknown or (answer.returncode == 0 and not answer.stdout.strip())
     return False
