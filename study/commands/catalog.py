@@ -11,9 +11,9 @@ from study.commands.terminal import console, say
 
 DETAILS = """\
 Serves the recordings of a results folder as a Rerun catalog. A dataset has the recordings of one
-kind and environment, such as forecast_uav. In the viewer its table shows the cell, its settings and
-scores of each recording; a row opens the recording. Python queries the recordings as data frames:
-see study/recording/README.md.
+kind and environment, such as forecast_uav. In the viewer its table has a row for each recording,
+with cell, seed, β and scores. A row opens the recording. Python queries the recordings as data
+frames: see study/recording/README.md.
 Only this machine can connect. The files of the results folder do not change. Ctrl-C ends it.
 Needs datafusion: pip install -e '.[catalog]'.
 

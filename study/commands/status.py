@@ -179,7 +179,7 @@ def _state(task: Task, store: Store, is_running: bool) -> str:
     if is_running and store.progress(task).exists():
         progress = read_progress(store.progress(task))
         return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}"
-    if store.failure(task).exists():
+    with suppress(FileNotFoundError):  # a new attempt removes it
         return f"failed: {store.failure(task).read_text(encoding='utf-8').strip()}"
     return "to do"
 

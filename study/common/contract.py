@@ -1,4 +1,4 @@
-"""What the checks of a user's classes have in common: each failure is one clear line."""
+"""Shared code of the checks of a user's classes. Each failure is one line."""
 
 import pickle
 import random

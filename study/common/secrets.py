@@ -3,8 +3,8 @@
 import re
 
 HIDDEN = "***"
-USER = re.compile(r"(?<=://)([^:/\s@]*):\S*(?=@)")
-PARAMETER = re.compile(r"(password=)[^&\s'\"]+", re.IGNORECASE)
+USER = re.compile(r"(?<=://)([^:\s@]*):\S*(?=@)")
+PARAMETER = re.compile(r"(password=)[^&\s]+", re.IGNORECASE)
 
 
 def without_passwords(text: str) -> str:
@@ -13,4 +13,4 @@ def without_passwords(text: str) -> str:
     >>> without_passwords("--tune.storage postgresql://me:secret@host/study?sslpassword=more")
     '--tune.storage postgresql://me:***@host/study?sslpassword=***'
     """
-    return PARAMETER.sub(rf"\1{HIDDEN}", USER.sub(rf"\1:{HIDDEN}", text))
+    return USER.sub(rf"\1:{HIDDEN}", PARAMETER.sub(rf"\1{HIDDEN}", text))

@@ -193,7 +193,7 @@ class Publish:
 
 @dataclass(frozen=True)
 class Engine:
-    """Where the stages run. Numbers depend on `threads`, by rounding, and on nothing else here.
+    """Where the stages run. Numbers depend on `threads`, by rounding, and on the hardware.
 
     Args:
         kind: `serial` (in this process), `dask` (worker processes), or `slurm` (worker processes in
@@ -204,7 +204,8 @@ class Engine:
         threads: CPU threads of each stage.
         address: of an existing Dask scheduler, such as tcp://host:8786; empty starts local workers.
         retries: how often a stage is tried again after its worker was lost.
-        lease: seconds after which the stage of a worker that shows no life may run elsewhere.
+        lease: seconds after which the stage of a worker that does not renew its lease may run on
+            another worker.
         cores: CPU cores of a job; `threads` of them are one worker.
         memory: of a job, such as 8GB.
         walltime: of a job, as HOURS:MINUTES:SECONDS or DAYS-HOURS:MINUTES:SECONDS. Workers end five

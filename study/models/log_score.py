@@ -32,8 +32,8 @@ class HasDensity(Protocol):
 def log_scores(forecaster: Forecaster, test: ScenarioSet) -> Doubles | None:
     """The log score of each step of the first observed rollout; None without a density.
 
-    The sum over the steps is the negative log-density of the whole trajectory. Each step is divided
-    by D. States are in standard deviations of the training data.
+    Each step is divided by D. So the sum over the steps is the negative log-density of the whole
+    trajectory, divided by D. States are in standard deviations of the training data.
 
     Args:
         forecaster: the forecaster.

@@ -84,29 +84,33 @@ class _Builder:
         """Add a dataset with the layout of its last recording."""
         name = application.removeprefix(PREFIX)
         dataset = self.client.create_dataset(name)
-        problems = self._register(dataset, [segment.path for segment in segments])
-        self.problems += problems
-        self.datasets[name] = len(segments) - len(problems)
-        dataset.register_blueprint(segments[-1].path.resolve().as_uri())
+        refused = self._register(dataset, [segment.path for segment in segments])
+        accepted = [segment for segment in segments if segment.path not in refused]
+        self.datasets[name] = len(accepted)
+        if not accepted:
+            return
+        dataset.register_blueprint(accepted[-1].path.resolve().as_uri())
         layout = self.folder / f"{name}.rbl"
         _table().save(application, layout)
         dataset.register_blueprint(layout.as_uri(), segment_table=True)
-        layers = [self._write_scores(s) for s in segments if s.cell in self.scores]
+        layers = [self._write_scores(s) for s in accepted if s.cell in self.scores]
         if layers:
             self._register(dataset, layers, layer_name=SCORES)
 
     def _register(
         self, dataset: "DatasetEntry", paths: Sequence[Path], layer_name: str = "base"
-    ) -> list[str]:
-        """Register files, and return one line for each that the server refuses."""
+    ) -> set[Path]:
+        """Register files, and return those that the server refuses. `problems` gets a line each."""
         addresses = {path.resolve().as_uri(): path for path in paths}
         results = dataset.register(list(addresses), layer_name=layer_name).iter_results()
-        return [
-            f"recording {addresses.get(result.uri, result.uri)} is not in the catalog: "
-            f"{result.error.splitlines()[0]}"
-            for result in results
-            if result.error
-        ]
+        refused = set()
+        for result in results:
+            if result.error:
+                path = addresses[result.uri]
+                refused.add(path)
+                why = result.error.splitlines()[0]
+                self.problems.append(f"recording {path} is not in the catalog: {why}")
+        return refused
 
     def _write_scores(self, segment: _Segment) -> Path:
         """Write a layer with the scores of the cell of a segment."""

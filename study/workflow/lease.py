@@ -1,17 +1,18 @@
-"""Leases: a small file says which process computes a stage, and that this process still lives.
+"""Leases: a small file says which process computes a stage, and that this process is still alive.
 
 The holder renews its lease by changing the modification time of the file. A lease that is not
 renewed for its duration is expired, and another process may take it over. A process that was
 stopped and continues finds the name of the new holder in the file, and ends its stage.
 
-What is relied on, since NFS promises it: `link` and `rename` are atomic, and opening a file reads
+The lease relies on guarantees of NFS: `link` and `rename` are atomic, and opening a file reads
 its current attributes from the server (close-to-open consistency). No lock of the operating system
 is used. Clocks of different machines are not compared: a process that waits measures with its own
 monotonic clock how long the file stays as it is.
 
-A lease saves work, and does not guard bytes. Each holder writes into a folder with its own token in
-the name (`study.workflow.store`), and a complete folder is never replaced. So two holders at the
-same time, which a race between two takeovers allows, do the work twice and mix no files.
+A lease avoids duplicate work. It does not guarantee mutual exclusion. Each holder writes into a
+folder with its own token in the name (`study.workflow.store`), and a complete folder is never
+replaced. So two holders at the same time do the work twice and mix no files. A race between two
+takeovers allows them, and so does a file system without hard links.
 """
 
 import errno
@@ -34,7 +35,9 @@ from study.common.secrets import without_passwords
 RENEWALS = 5
 """Renewals of a lease in its duration."""
 LONGEST_PAUSE = 1.0
-"""Seconds between two looks at a lease that another process holds, at most."""
+"""Seconds between two polls of a lease that another process holds, at most."""
+NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
+"""Errors of a file system without hard links."""
 
 
 class LeaseLost(Exception):
@@ -181,7 +184,8 @@ class Lease:
             LeaseLost: another process holds it.
         """
         if time.monotonic() - self._verified > self.terms.seconds / RENEWALS:
-            self.verify()
+            with suppress(OSError):  # the file server may be away; `verify` comes before the end
+                self.verify()
         elif self._is_lost:
             raise LeaseLost(self._lost())
 
@@ -242,10 +246,13 @@ class Lease:
                     os.link(new, self.path)
                 except FileExistsError:
                     pass  # another process was faster, or the reply of the file server was lost
-                except OSError:  # a file system without hard links
+                except OSError as error:
+                    if error.errno not in NO_HARD_LINKS:
+                        raise
                     replaces = not self.path.exists()
             if replaces:
-                new.replace(self.path)
+                with suppress(FileNotFoundError):  # a reply was lost, and `_is_mine` decides
+                    new.replace(self.path)
         finally:
             new.unlink(missing_ok=True)
         return self._is_mine()

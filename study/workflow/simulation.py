@@ -53,7 +53,7 @@ def simulate(tasks: Iterable[Task], seconds: Mapping[Task, float], workers: int)
 
 
 def critical_path(tasks: Iterable[Task], seconds: Mapping[Task, float]) -> list[Task]:
-    """The chain of tasks that takes longest: with any number of workers it takes so long.
+    """The longest chain of dependent tasks: a lower bound on the duration for any workers.
 
     Args:
         tasks: in an order in which every task comes after its inputs.

@@ -140,6 +140,7 @@ def _run_logged(
     with _logged(log):
         try:
             prepare(task.plugins, threads)
+            lease.verify()  # `begin` removes the folders of other attempts
             out = store.begin(task, getattr(_module(task), "RESUMABLE", False), lease.token)
             inputs = {name: store.folder(source) for name, source in task.inputs.items()}
             progress(0.0, "started")
@@ -156,6 +157,9 @@ def _run_logged(
                 raise
             except OSError:
                 pass
+            if store.is_complete(task):  # an earlier holder has completed it meanwhile
+                store.discard(task, lease.token)
+                return None
             with suppress(OSError):  # the disk may be full
                 traceback.print_exc()
             return f"{type(problem).__name__}: {' '.join(str(problem).split())}"[:300]

@@ -115,6 +115,9 @@ def test_a_lease_names_the_command_without_the_password(
     [
         ("postgresql://a:b@c@d/e is", "postgresql://a:***@d/e is"),
         ("postgresql://a@d/e?password=b&x=1", "postgresql://a@d/e?password=***&x=1"),
+        ("postgresql://a@d/e?password=b'c", "postgresql://a@d/e?password=***"),
+        ("postgresql://d:5432/e?password=b@c", "postgresql://d:5432/e?password=***"),
+        ("postgresql://a/b:c@d/e", "postgresql://a/b:***@d/e"),
         ("http://d:80/e", "http://d:80/e"),
         ("sqlite:////a/b.db", "sqlite:////a/b.db"),
     ],
