@@ -1,12 +1,9 @@
 """Command `catalog`: all recordings of a study as a Rerun catalog on this machine."""
 
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 from threading import Event
-from typing import Annotated
 
-from study.commands.command import DEFAULT_OUT, Command, Flag
+from study.commands.command import Command, ServerOptions
 from study.commands.terminal import console, say
 
 DETAILS = """\
@@ -21,20 +18,7 @@ examples
   python -m study.run catalog --out results/paper"""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of `catalog`.
-
-    Attributes:
-        out: the results folder.
-        port: to listen on; 0 for a free one.
-    """
-
-    out: Annotated[Path, Flag(f"results folder; {DEFAULT_OUT} by default")] = DEFAULT_OUT
-    port: Annotated[int, Flag("port to listen on; by default a free one")] = 0
-
-
-def run(options: Options) -> int:
+def run(options: ServerOptions) -> int:
     """Serve until the user interrupts.
 
     Raises:
@@ -65,7 +49,7 @@ def run(options: Options) -> int:
 COMMAND = Command(
     "catalog",
     "all recordings as a Rerun catalog on this machine: filter and query them",
-    Options,
+    ServerOptions,
     run,
     DETAILS,
 )

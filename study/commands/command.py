@@ -4,7 +4,7 @@ from argparse import ArgumentTypeError
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
-from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 from study.common.errors import BadInput, explain, shown
 from study.config.settings import Config
@@ -31,6 +31,19 @@ class Flag:
     """
 
     help: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServerOptions:
+    """Options of a command that serves a results folder on this machine.
+
+    Attributes:
+        out: the results folder.
+        port: to listen on; 0 for a free one.
+    """
+
+    out: Annotated[Path, Flag(f"results folder; {DEFAULT_OUT} by default")] = DEFAULT_OUT
+    port: Annotated[int, Flag("port to listen on; by default a free one")] = 0
 
 
 @dataclass(frozen=True, kw_only=True)

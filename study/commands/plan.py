@@ -22,8 +22,8 @@ from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
 
 DETAILS = """\
-Nothing runs and nothing is written. Logs of a recorded system have to exist, but `all` alone reads
-and checks what is in them. For each stage: up to date, missing, config changed (which
+Nothing runs and nothing is written. Logs of a recorded system have to exist, but only `all` reads
+and checks their content. For each stage: up to date, missing, config changed (which
 setting), source changed (which module), input changed, or damaged. The last line says whether the
 results would be written, or why not.
 

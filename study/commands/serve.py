@@ -1,10 +1,6 @@
 """Command `serve`: the page and the recordings of a study in a browser on this machine."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-from study.commands.command import DEFAULT_OUT, Command, Flag
+from study.commands.command import Command, ServerOptions
 from study.commands.terminal import console, say
 
 DETAILS = """\
@@ -17,20 +13,7 @@ examples
   python -m study.run serve --out results/paper"""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of `serve`.
-
-    Attributes:
-        out: the results folder.
-        port: to listen on; 0 for a free one.
-    """
-
-    out: Annotated[Path, Flag(f"results folder; {DEFAULT_OUT} by default")] = DEFAULT_OUT
-    port: Annotated[int, Flag("port to listen on; by default a free one")] = 0
-
-
-def run(options: Options) -> int:
+def run(options: ServerOptions) -> int:
     """Serve until the user interrupts.
 
     Raises:
@@ -52,7 +35,7 @@ def run(options: Options) -> int:
 COMMAND = Command(
     "serve",
     "the page and the recordings in a browser on this machine",
-    Options,
+    ServerOptions,
     run,
     DETAILS,
 )

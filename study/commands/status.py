@@ -28,8 +28,8 @@ from study.workflow.task_cache import record_tasks, topological_order
 DETAILS = """\
 The command also works during a run, from another terminal. For each stage that runs, the table has
 its machine and process, since when it runs, and the number of the attempt: a stage whose worker was
-lost is tried again. With --follow, the table is drawn again until nothing runs; if the output is no
-terminal, it is printed once then.
+lost is tried again. With --follow, the table is drawn again until nothing runs. If the output is
+not a terminal, it is printed once, at the end.
 
 examples
   python -m study.run status

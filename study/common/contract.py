@@ -38,12 +38,11 @@ def call(subject: str, function: Callable[..., Any], *arguments: Any, seeded: bo
         CheckFailed: the method raises, changes an argument or uses a global generator.
     """
     copies = [_copy(value) for value in arguments]
-    result, used = _call(subject, function, arguments)
-    attempts = 1
-    while seeded and used and attempts < ATTEMPTS:
+    for _ in range(ATTEMPTS):
         result, used = _call(subject, function, arguments)
-        attempts += 1
-    if seeded and used:
+        if not (seeded and used):
+            break
+    else:
         raise CheckFailed(
             f"{subject} used the global random generator of {used[0]}; "
             "take every random number from the seeds or the noise of the arguments"

@@ -10,6 +10,7 @@ from paper_figs.formatting import title
 from paper_figs.score_tables import MEASURES
 from paper_figs.scores import in_order
 from study.config.names import BEYOND, ENSEMBLE, MODELS, label
+from study.metrics.tables.table import CELL, cell_name
 from study.page.evidence import Evidence
 from study.page.score_views import ScoreTables, score
 from study.page.tables import Table, Value, figure, text
@@ -102,8 +103,7 @@ def cells(evidence: Evidence) -> Table:
 def _cells_of(scores: pd.DataFrame | None) -> list[str]:
     if scores is None:
         return []
-    names = scores[["environment", "level", "model", "seed"]].drop_duplicates()
-    return [f"{r.environment}/{r.level}/{r.model}/seed-{r.seed}" for r in names.itertuples()]
+    return [cell_name(row) for row in scores[[*CELL]].drop_duplicates().to_dict("records")]
 
 
 def _seed(text_of_seed: str) -> float | None:
@@ -195,14 +195,13 @@ def fits(evidence: Evidence) -> Table | None:
                 *(
                     figure(
                         float(row[column]),
-                        f"{row['environment']}/{row['level']}/{row['model']}/seed-{row['seed']}\n"
-                        f"fits.parquet: {column}",
+                        f"{cell_name(row)}\nfits.parquet: {column}",
                         names[column][1],
                     )
                     for column in columns
                 ),
             ]
-            for _, row in table.iterrows()
+            for row in table.to_dict("records")
         ],
         tools=True,
     )

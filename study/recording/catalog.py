@@ -69,6 +69,11 @@ class _Segment:
     application: str
     id: str
 
+    @property
+    def address(self) -> str:
+        """Of the file, for the server."""
+        return _address(self.path)
+
 
 @dataclass
 class _Builder:
@@ -85,11 +90,11 @@ class _Builder:
         name = application.removeprefix(PREFIX)
         dataset = self.client.create_dataset(name)
         refused = self._register(dataset, [segment.path for segment in segments])
-        accepted = [segment for segment in segments if segment.path not in refused]
+        accepted = [segment for segment in segments if segment.address not in refused]
         self.datasets[name] = len(accepted)
         if not accepted:
             return
-        dataset.register_blueprint(accepted[-1].path.resolve().as_uri())
+        dataset.register_blueprint(accepted[-1].address)
         layout = self.folder / f"{name}.rbl"
         _table().save(application, layout)
         dataset.register_blueprint(layout.as_uri(), segment_table=True)
@@ -99,17 +104,19 @@ class _Builder:
 
     def _register(
         self, dataset: "DatasetEntry", paths: Sequence[Path], layer_name: str = "base"
-    ) -> set[Path]:
-        """Register files, and return those that the server refuses. `problems` gets a line each."""
-        addresses = {path.resolve().as_uri(): path for path in paths}
+    ) -> set[str]:
+        """Register files, and return the addresses of those that the server refuses.
+
+        `problems` gets a line for each.
+        """
+        addresses = {_address(path): path for path in paths}
         results = dataset.register(list(addresses), layer_name=layer_name).iter_results()
         refused = set()
         for result in results:
             if result.error:
-                path = addresses[result.uri]
-                refused.add(path)
-                why = result.error.splitlines()[0]
-                self.problems.append(f"recording {path} is not in the catalog: {why}")
+                refused.add(result.uri)
+                name, why = addresses.get(result.uri, result.uri), result.error.splitlines()[0]
+                self.problems.append(f"recording {name} is not in the catalog: {why}")
         return refused
 
     def _write_scores(self, segment: _Segment) -> Path:
@@ -176,6 +183,10 @@ def _segments(recordings: Path) -> tuple[list[_Segment], list[str]]:
     if not segments:
         raise StudyError(f"no recording in {recordings} can be read: {problems[0]}")
     return segments, problems
+
+
+def _address(path: Path) -> str:
+    return path.resolve().as_uri()
 
 
 @contextmanager

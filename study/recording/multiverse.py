@@ -15,6 +15,7 @@ import rerun.blueprint as rrb
 from study.claims.claim import OURS, Claim
 from study.claims.judge import CLAIMS, Outcome
 from study.config.names import label
+from study.metrics.tables.table import cell_name
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.plotting.palette import REFERENCE, Colour, series
@@ -179,7 +180,7 @@ def page(multiverse: Multiverse, claims: Sequence[Claim], name: str) -> str:
     cells = multiverse.cells[multiverse.cells["universe"] == name]
     scores = [
         (
-            f"{row['environment']}/{row['level']}/{row['model']}/seed-{row['seed']}",
+            cell_name(row),
             *(f"{row[column]:.4g}" if pd.notna(row[column]) else "" for column in _CELL_COLUMNS),
         )
         for row in cells.to_dict("records")

@@ -1,13 +1,12 @@
 """The main numbers of each cell, from the files of a results folder."""
 
-from collections.abc import Hashable, Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from paper_figs.scores import read_scores
 from study.common.errors import BadInput
+from study.metrics.tables.table import CELL, cell_name
 from study.results.summary import FITS
 
 METRICS = ("mmd2", "brier")
@@ -29,10 +28,9 @@ def cell_scores(out: Path) -> dict[str, dict[str, float]]:
         & (scores["step"] == -1)
         & (scores["scenario"] >= 0)
     ]
-    columns = ["environment", "level", "model", "seed", "metric"]
-    means = of_scenarios.groupby(columns, observed=True)["value"].mean().reset_index()
+    means = of_scenarios.groupby([*CELL, "metric"], observed=True)["value"].mean().reset_index()
     for row in means.to_dict("records"):
-        numbers.setdefault(_cell(row), {})[str(row["metric"])] = float(row["value"])
+        numbers.setdefault(cell_name(row), {})[str(row["metric"])] = float(row["value"])
     for name, beta in _betas(out).items():
         numbers.setdefault(name, {})["beta"] = beta
     return numbers
@@ -43,10 +41,6 @@ def _betas(out: Path) -> dict[str, float]:
     try:
         fits = pd.read_parquet(out / FITS)
         rows = [row for row in fits.to_dict("records") if pd.notna(row["beta"])]
-        return {_cell(row): float(row["beta"]) for row in rows}
+        return {cell_name(row): float(row["beta"]) for row in rows}
     except (OSError, ValueError, KeyError):
         return {}
-
-
-def _cell(row: Mapping[Hashable, Any]) -> str:
-    return f"{row['environment']}/{row['level']}/{row['model']}/seed-{row['seed']}"

@@ -15,17 +15,32 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
-from secrets import token_hex
 from typing import Any, TypeVar
 
 from study.common.errors import BadInput, StudyError
-from study.common.files import write_text
 from study.config.settings import Engine
-from study.workflow.fitness import SHARED, Expected, UnfitWorker, why_unfit
+from study.workflow.fitness import Expected, UnfitWorker, shared, why_unfit
 from study.workflow.task import Task
 from study.workflow.workers import Workers
 
 T = TypeVar("T")
+
+SETTINGS = {
+    # A stage may hold the interpreter lock for minutes.
+    "distributed.scheduler.worker-ttl": "1 hour",
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.admin.tick.limit": "1 hour",
+    "logging.distributed": "critical",
+}
+"""Settings of Dask where its scheduler runs in this process."""
+# By default glibc's malloc returns freed memory to the system page by page, which is slow. With
+# these values the process uses the memory for the next batch.
+MEMORY = {
+    "MALLOC_MMAP_MAX_": "0",
+    "MALLOC_TRIM_THRESHOLD_": "8589934592",
+    "MALLOC_TOP_PAD_": "67108864",
+}
+"""Variables of worker processes."""
 
 GPU = "GPU"
 """The resource that a worker with a GPU offers: ``dask worker ADDRESS --resources GPU=1``."""
@@ -142,7 +157,7 @@ def connect(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[DaskW
     connection = dask.config.merge(dask.config.get("distributed.comm"), of_user)
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    tasks, token, address = list(tasks), token_hex(8), engine.address
+    tasks, address = list(tasks), engine.address
     with dask.config.set({"distributed.comm": connection}):
         try:
             with warnings.catch_warnings(action="ignore"):  # other versions are an error below
@@ -150,17 +165,14 @@ def connect(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[DaskW
         except Exception as error:  # TLS and versions have errors of many kinds
             raise BadInput(_why_no_scheduler(address, error)) from None
         try:
-            plugins = tuple(dict.fromkeys(name for task in tasks for name in task.plugins))
-            expected = Expected.here(root, plugins, token)
-            write_text(root / SHARED, token)
-            _check_scheduler(client, address, expected)
-            _check_workers(client, expected)
-            workers = DaskWorkers(client, engine.workers, expected)
-            _check_gpu(workers, address, tasks)
-            yield workers
-            workers.shutdown(wait=False)
+            with shared(root, tasks) as expected:
+                _check_scheduler(client, address, expected)
+                _check_workers(client, expected)
+                workers = DaskWorkers(client, engine.workers, expected)
+                _check_gpu(workers, address, tasks)
+                yield workers
+                workers.shutdown(wait=False)
         finally:
-            (root / SHARED).unlink(missing_ok=True)
             client.close(timeout=2)
 
 

@@ -16,18 +16,10 @@ from typing import Any
 from study.common.errors import BadInput
 from study.config.jobs import workers_of_job
 from study.config.settings import Engine
-from study.workflow.cluster import DaskWorkers, connect
+from study.workflow.cluster import MEMORY, SETTINGS, DaskWorkers, connect
 from study.workflow.lease import Terms
 from study.workflow.task import Task
 from study.workflow.workers import SerialWorkers, Workers
-
-# Environment of the worker processes. By default glibc's malloc returns freed memory to the system
-# page by page, which is slow. With these values the process uses the memory for the next batch.
-MEMORY = {
-    "MALLOC_MMAP_MAX_": "0",
-    "MALLOC_TRIM_THRESHOLD_": "8589934592",
-    "MALLOC_TOP_PAD_": "67108864",
-}
 
 
 def workers(engine: Engine) -> int:
@@ -102,15 +94,10 @@ def _local(engine: Engine) -> Iterator[DaskWorkers]:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     threads = {name: str(engine.threads) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")}
-    settings = {
+    settings = SETTINGS | {
         "distributed.worker.daemon": False,
         "distributed.nanny.pre-spawn-environ": MEMORY | threads,
-        # A stage may hold the interpreter lock for minutes.
-        "distributed.scheduler.worker-ttl": "1 hour",
-        "distributed.scheduler.allowed-failures": 0,
         "distributed.worker.memory.terminate": False,
-        "distributed.admin.tick.limit": "1 hour",
-        "logging.distributed": "critical",
     }
     with (
         dask.config.set(settings),

@@ -12,16 +12,20 @@ with one thread for them; a nanny of Dask does this by default.
 import os
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from secrets import token_hex
 
 from study.common.errors import BadInput, explain
+from study.common.files import write_text
 from study.common.isolation import isolate
 from study.common.provenance import source_revision, versions
 from study.workflow.source import source_digests
+from study.workflow.task import Task
 
 SHARED = ".cluster"
 """The file in the folder of the store by which a worker finds that it sees the same folder."""
@@ -59,6 +63,23 @@ class Expected:
         """What this process has."""
         digests = source_digests(plugins)
         return cls(packages(), source_revision(), digests, plugins, root, token)
+
+
+@contextmanager
+def shared(root: Path, tasks: Iterable[Task]) -> Iterator[Expected]:
+    """What workers must have in common with this process, with the file `SHARED` in place.
+
+    Args:
+        root: folder of the store.
+        tasks: those of the run.
+    """
+    plugins = tuple(dict.fromkeys(name for task in tasks for name in task.plugins))
+    expected = Expected.here(root, plugins, token_hex(8))
+    try:
+        write_text(root / SHARED, expected.token)
+        yield expected
+    finally:
+        (root / SHARED).unlink(missing_ok=True)
 
 
 def packages() -> dict[str, str]:

@@ -18,8 +18,8 @@ from study.workflow.workers import Workers
 
 NOT_RUN = "not run"
 """Begins the error of a task that was not run."""
-LOOK = 5.0
-"""Seconds between two looks at how many workers there are, at most."""
+POLL = 5.0
+"""Seconds between two polls of how many workers there are, at most."""
 
 
 def run_tasks(
@@ -70,36 +70,27 @@ def run_tasks(
         for task in queue.pop(workers.rooms(), running.values()):
             started(task)
             running[workers.submit(execute, task, store.root, threads, terms)] = task
-        completed, _ = wait(running, timeout=LOOK, return_when=FIRST_COMPLETED)
+        completed, _ = wait(running, timeout=POLL, return_when=FIRST_COMPLETED)
         for future in completed:
             task = running.pop(future)
             attempts[task] += 1
             outcome = _outcome(future)
-            if outcome is None and attempts[task] <= terms.retries:
-                lost(task, _why(future))
-                queue.push(task)
-                continue
-            if outcome is None:
+            if isinstance(outcome, str):
+                if attempts[task] <= terms.retries:
+                    lost(task, outcome)
+                    queue.push(task)
+                    continue
                 times = f" {attempts[task]} times" if attempts[task] > 1 else ""
-                outcome = Outcome(task, 0.0, f"the worker was lost{times} ({_why(future)})")
+                outcome = Outcome(task, 0.0, f"the worker was lost{times} ({outcome})")
             if outcome.error is not None:
                 write_text(store.failure(task), outcome.error + "\n")
             end(outcome)
     return errors
 
 
-def _outcome(future: Future[Outcome]) -> Outcome | None:
-    """The outcome of a task; None if its worker was lost."""
+def _outcome(future: Future[Outcome]) -> Outcome | str:
+    """The outcome of a task, or in one line why its worker was lost."""
     try:
         return future.result()
-    except Exception:
-        return None
-
-
-def _why(future: Future[Outcome]) -> str:
-    """The error of a future in one line."""
-    try:
-        future.result()
     except Exception as error:
         return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
-    return ""

@@ -3,9 +3,10 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from itertools import count
 
 from study.workflow.task import Task
-from study.workflow.task_queue import longest_first
+from study.workflow.task_queue import TaskQueue
 
 
 @dataclass(frozen=True)
@@ -29,26 +30,16 @@ def simulate(tasks: Iterable[Task], seconds: Mapping[Task, float], workers: int)
         seconds: the expected duration of each task.
         workers: number of tasks that run at a time.
     """
-    ordered = longest_first(list(tasks))
-    rank = {task: index for index, task in enumerate(ordered)}
-    missing = {task: _inputs(task, rank) for task in ordered}
-    dependents: dict[Task, list[Task]] = {}
-    for task, inputs in missing.items():
-        for source in inputs:
-            dependents.setdefault(source, []).append(task)
-    ready = [rank[task] for task, inputs in missing.items() if not inputs]
-    running: list[tuple[float, int]] = []
-    now = 0.0
-    while ready or running:
-        while ready and len(running) < workers:
-            index = heappop(ready)
-            heappush(running, (now + seconds[ordered[index]], index))
-        now, index = heappop(running)
-        for task in dependents.get(ordered[index], []):
-            missing[task].discard(ordered[index])
-            if not missing[task]:
-                heappush(ready, rank[task])
-    total = sum(seconds[task] for task in ordered)
+    tasks = list(tasks)
+    queue = TaskQueue(tasks, lambda _: "")
+    running: list[tuple[float, int, Task]] = []
+    now, started = 0.0, count()
+    while queue or running:
+        for task in queue.pop({"": workers}, [task for *_, task in running]):
+            heappush(running, (now + seconds[task], next(started), task))
+        now, _, ended = heappop(running)
+        queue.finish(ended)
+    total = sum(seconds[task] for task in tasks)
     return Forecast(now, total / (now * workers) if now else 0.0)
 
 
@@ -62,7 +53,7 @@ def critical_path(tasks: Iterable[Task], seconds: Mapping[Task, float]) -> list[
     end: dict[Task, float] = {}
     previous: dict[Task, Task | None] = {}
     for task in tasks:
-        inputs = _inputs(task, end)
+        inputs = [source for source in task.inputs.values() if source in end]
         before = max(inputs, key=end.__getitem__, default=None)
         previous[task] = before
         end[task] = seconds[task] + (end[before] if before is not None else 0.0)
@@ -72,8 +63,3 @@ def critical_path(tasks: Iterable[Task], seconds: Mapping[Task, float]) -> list[
         path.append(last)
         last = previous[last]
     return path[::-1]
-
-
-def _inputs(task: Task, others: Iterable[Task]) -> set[Task]:
-    """The inputs of the task that are among others."""
-    return {source for source in task.inputs.values() if source in others}

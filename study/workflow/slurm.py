@@ -17,21 +17,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from secrets import token_hex
 from typing import Any
 
 from study.common.errors import BadInput, StudyError
-from study.common.files import write_text
 from study.config.jobs import walltime_seconds, workers_of_job
 from study.config.settings import Engine
-from study.workflow.cluster import DaskWorkers
-from study.workflow.fitness import SHARED, Expected
+from study.workflow.cluster import MEMORY, SETTINGS, DaskWorkers
+from study.workflow.fitness import Expected, shared
 from study.workflow.task import Task
 
 MARGIN = 300
 """Seconds before the end of the walltime at which workers end; half of a short one."""
-LOOK = 5.0
-"""Seconds between two looks at the jobs."""
+POLL = 5.0
+"""Seconds between two polls of the jobs."""
 IDLE = 60.0
 """Seconds without a task after which a job is ended, if others are enough."""
 EARLY = 5.0
@@ -149,15 +147,15 @@ class SlurmWorkers(DaskWorkers):
     """
 
     def __init__(self, client: Any, jobs: Jobs, most: int, expected: Expected) -> None:
-        self._jobs, self._pending, self._looked = jobs, set[Future[Any]](), 0.0
+        self._jobs, self._pending, self._polled = jobs, set[Future[Any]](), 0.0
         super().__init__(client, most, expected)
 
     def rooms(self) -> Mapping[str, int]:
         """The number of workers that there are, or may be; asks for jobs."""
         self._check_connection()
         self._pending = {future for future in self._pending if not future.done()}
-        if self._pending and time.monotonic() - self._looked > LOOK:
-            self._look()
+        if self._pending and time.monotonic() - self._polled > POLL:
+            self._poll()
         return {"": self._most}
 
     def resource(self, task: Task) -> str:
@@ -170,7 +168,7 @@ class SlurmWorkers(DaskWorkers):
         self._pending.add(future)
         return future
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         try:
             workers = self._client.scheduler_info(n_workers=-1)["workers"]
             processing = self._client.processing()
@@ -178,7 +176,7 @@ class SlurmWorkers(DaskWorkers):
             raise self._lost() from None
         names = {info["name"]: len(processing.get(at, ())) for at, info in workers.items()}
         self._jobs.adjust(len(self._pending), names)
-        self._looked = time.monotonic()
+        self._polled = time.monotonic()
 
 
 @contextmanager
@@ -210,39 +208,27 @@ def submitted(engine: Engine, root: Path, tasks: Iterable[Task]) -> Iterator[Slu
         raise BadInput(
             f"engine.kind: slurm needs {error.name or 'cryptography'}: pip install -e '.[cluster]'"
         ) from None
-    plugins = tuple(dict.fromkeys(name for task in tasks for name in task.plugins))
-    expected = Expected.here(root, plugins, token_hex(8))
-    write_text(root / SHARED, expected.token)
     (root / LOGS).mkdir(exist_ok=True)
     for path in (root / LOGS).glob(CERTIFICATES):  # of a run that was killed
         path.unlink()
     size = workers_of_job(engine)
     most = engine.workers or size
-    settings = {
-        # A stage may hold the interpreter lock for minutes.
-        "distributed.scheduler.worker-ttl": "1 hour",
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.admin.tick.limit": "1 hour",
-        # `Jobs` ends them. Dask would end the next job of the same name.
-        "distributed.deploy.lost-worker-timeout": "1000 days",
-        "logging.distributed": "critical",
-    }
-    try:
-        with (
-            dask.config.set(settings),
-            SLURMCluster(security=security, **job_options(engine, root)) as cluster,
-            Client(cluster, set_as_default=False) as client,
-        ):
-            jobs = Jobs(cluster, math.ceil(most / size), size, engine.retries, root / LOGS)
-            workers = SlurmWorkers(client, jobs, most, expected)
-            try:
-                yield workers
-            finally:  # results of running tasks are no longer needed
-                workers.shutdown(wait=False)
-                for name in ("ca_file", "cert", "key"):
-                    getattr(cluster, f"_job_{name}").close()  # which removes the file
-    finally:
-        (root / SHARED).unlink(missing_ok=True)
+    # `Jobs` ends lost workers. Dask would end the next job of the same name.
+    settings = SETTINGS | {"distributed.deploy.lost-worker-timeout": "1000 days"}
+    with (
+        shared(root, tasks) as expected,
+        dask.config.set(settings),
+        SLURMCluster(security=security, **job_options(engine, root)) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        jobs = Jobs(cluster, math.ceil(most / size), size, engine.retries, root / LOGS)
+        workers = SlurmWorkers(client, jobs, most, expected)
+        try:
+            yield workers
+        finally:  # results of running tasks are no longer needed
+            workers.shutdown(wait=False)
+            for name in ("ca_file", "cert", "key"):
+                getattr(cluster, f"_job_{name}").close()  # which removes the file
 
 
 def job_options(engine: Engine, root: Path) -> dict[str, Any]:
@@ -281,8 +267,6 @@ def job_options(engine: Engine, root: Path) -> dict[str, Any]:
 
 def _environment(engine: Engine) -> dict[str, str]:
     """Variables of the workers of a job."""
-    from study.workflow.engine import MEMORY
-
     return MEMORY | {
         "OMP_NUM_THREADS": str(engine.threads),
         "MKL_NUM_THREADS": str(engine.threads),

@@ -71,7 +71,7 @@ class TaskQueue:
 
         A task is returned once, even if several of its inputs fail.
         """
-        new = [task for task in self._dependents[task] if task not in self._dropped]
+        new = [one for one in self._dependents[task] if one not in self._dropped]
         self._dropped.update(new)
         return new
 

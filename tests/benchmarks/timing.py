@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from study.workflow.engine import MEMORY
+from study.workflow.cluster import MEMORY
 
 
 def cores() -> int:

@@ -46,7 +46,7 @@ def test_jobs_are_asked_for_again_and_end_before_their_walltime(
     tmp_path: Path, cluster: Slurm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Calls of two seconds follow one another until a second job has run one of them."""
-    monkeypatch.setattr(slurm, "LOOK", 0.5)
+    monkeypatch.setattr(slurm, "POLL", 0.5)
     engine = Engine(
         kind="slurm",
         walltime="00:00:24",
@@ -98,7 +98,7 @@ def test_cells_in_jobs_have_the_bytes_of_serial_ones(
 def test_jobs_that_end_before_a_worker_connects(
     tmp_path: Path, cluster: Slurm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(slurm, "LOOK", 0.1)
+    monkeypatch.setattr(slurm, "POLL", 0.1)
     engine = Engine(kind="slurm", prologue=("module load missing && exit 0", "exit 1"), retries=1)
     with start(engine, tmp_path, []) as workers:
         workers.submit(time.sleep, 0)

@@ -5,16 +5,25 @@ A row is one number, with the columns metric, dimension, step, scenario and valu
 scenarios from 0. The table of a whole study also has the columns `CELL`.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
 from study.common.arrays import Array
+from study.config.grid import Cell
 
 CELL = ("environment", "level", "model", "seed")
 COLUMNS = ("metric", "dimension", "step", "scenario", "value")
 
 LEVELLESS = frozenset({"oracle"})
 """Models without training data, which are the same at every level."""
+
+
+def cell_name(row: Mapping[Any, Any]) -> str:
+    """The name of the cell of a row with the columns `CELL`."""
+    return Cell(*(row[column] for column in CELL)).name
 
 
 def select(
