@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from study.data.normalization import Normalization
 from study.models.networks.architecture import Architecture
 from study.models.networks.gaussian import GaussianDynamics
-from study.models.unroll.unroll import gru
+from study.models.unroll.gru import gru
 
 
 class RecurrentCvae(nn.Module):
