@@ -1,7 +1,7 @@
 """Settings to JSON and back."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -10,8 +10,27 @@ from study.common.errors import BadInput
 T = TypeVar("T")
 
 
+def to_json(settings: Any) -> dict[str, Any]:
+    """A frozen dataclass of settings as nested mappings, for keys, manifests and files of weights.
+
+    A setting that was added later is left out at its default. So the keys of earlier studies stay
+    valid, and `from_json` reads their files.
+
+    Args:
+        settings: the dataclass; its fields may be dataclasses.
+    """
+    values = asdict(settings)
+    for entry in fields(settings):
+        value = getattr(settings, entry.name)
+        if is_dataclass(value):
+            values[entry.name] = to_json(value)
+        elif entry.metadata.get("later") and value == entry.default:
+            del values[entry.name]
+    return values
+
+
 def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A frozen dataclass of settings from what `dataclasses.asdict` gave and JSON kept.
+    """A frozen dataclass of settings from what `to_json` gave.
 
     A setting without a value has its default.
 

@@ -26,7 +26,10 @@ _registered: dict[str, type[Any]] = {}
 
 
 def setting(default: Any, **allowed: Any) -> Any:
-    """A field of a section, with bounds `low` and `high`, both inclusive, or with `choices`."""
+    """A field of a section, with bounds `low` and `high`, both inclusive, or with `choices`.
+
+    With `later=True` it was added after studies were published: see `study.config.convert.to_json`.
+    """
     return field(default=default, metadata=allowed)
 
 

@@ -48,7 +48,7 @@ def check_setting(
         kind: its type.
         value: from YAML, JSON or code. A whole number may stand for a number, a list for a tuple.
         default: of the setting. Where it is empty, an empty list is allowed.
-        metadata: of the field: `low`, `high`, `choices`.
+        metadata: of the field: `low`, `high`, `choices`, `later`.
 
     Raises:
         BadInput: names the setting, what was given and what is allowed.
@@ -70,7 +70,12 @@ def check_setting(
 
 
 def _check_item(
-    name: str, value: Any, low: Any = None, high: Any = None, choices: tuple[str, ...] = ()
+    name: str,
+    value: Any,
+    low: Any = None,
+    high: Any = None,
+    choices: tuple[str, ...] = (),
+    later: bool = False,
 ) -> None:
     if value is None:
         return

@@ -70,7 +70,7 @@ class RecurrentCvae(nn.Module):
         initial = target.new_zeros(1, len(target), len(self.encoder_bias))
         weight = self.encoder_gates_of_hidden.weight.T
         hiddens = gru(gates[None], initial, weight[None], self.encoder_bias[None])[0]
-        mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
+        mean, log_variance = self.posterior(hiddens).to(hiddens.dtype).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
     def decode(

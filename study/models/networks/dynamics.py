@@ -169,7 +169,7 @@ class DynamicsNetwork(nn.Module):
         output = self._linear(self.output, top)
         if shape.product:
             output = output + self._linear(self.skip, x)
-        return output, top
+        return output.to(self.unit.dtype), top
 
     def to_canonical(self, values: Tensor, state: Tensor) -> Tensor:
         """Turn vectors [..., D], in normalised units or in units u, to the frame of a state."""
