@@ -64,7 +64,7 @@ def run(options: Options) -> int:
 
 
 def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
-    """One line for each task: whether it is done, running, failed or to do, its wall time and its device.
+    """One line for each task: done, running, failed or to do, its wall time and its device.
 
     Args:
         costs: of each task; empty for a task that is not done.

@@ -1,8 +1,8 @@
 """Float32 inside bfloat16 training: what is never computed in bfloat16.
 
 With ``train.precision`` at `bf16`, matrix products of a training step are computed in bfloat16
-(Lightning's ``bf16-mixed``, by `torch.autocast`). A recurrence adds up the rounding of all its steps, and a logarithmic score
-divides by small variances. So both are computed in float32.
+(Lightning's ``bf16-mixed``, by `torch.autocast`). A recurrence adds up the rounding of all its
+steps, and a logarithmic score divides by small variances. So both are computed in float32.
 """
 
 from collections.abc import Callable

@@ -89,8 +89,8 @@ class TrajectoryDataModule(L.LightningDataModule):
 
     The data set lies on the GPU on which a model is fitted, if it fits there.
 
-    With symmetries, the module keeps the trajectories in SI units, on the CPU. Every trajectory of every batch
-    is transformed anew, together with its `members`, and then normalised.
+    With symmetries, the module keeps the trajectories in SI units, on the CPU. Every trajectory of
+    every batch is transformed anew, together with its `members`, and then normalised.
 
     A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, for a residual model,
     ``members`` [B, M, T, D], the ensemble's forecasts. All are normalised. With data streams for
