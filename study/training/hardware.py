@@ -148,8 +148,8 @@ def fit_precision(precision: str, model: nn.Module, device: torch.device) -> str
 
 def width(model: nn.Module) -> int:
     """The smaller side of the largest matrix among the parameters; 0 without a matrix."""
-    matrices = [value.shape[-2:] for value in model.parameters() if value.dim() > 1]
-    return min(max(matrices, key=lambda shape: shape.numel())) if matrices else 0
+    sides = [value.shape[-2:] for value in model.parameters() if value.dim() > 1]
+    return min(max(sides, key=lambda shape: shape[0] * shape[1])) if sides else 0
 
 
 def has_bfloat16_units(device: torch.device) -> bool:

@@ -1,6 +1,7 @@
 """What a fit logs."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
         {},
     )
     batches = TrajectoryDataModule(normalization(), data, scenarios, batch_size=4, seed=0)
-    network = model("probabilistic_mlp")
+    network: Any = model("probabilistic_mlp")
     before = [value.clone() for value in network.parameters()]
     dtypes: list[torch.dtype] = []
     network.network.stem.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))

@@ -36,7 +36,7 @@ def cuda_capture(function: Callable[..., Results], arguments: Results) -> Callab
         arguments: tensors of the graph. Calls of the result copy their arguments into them.
     """
     captured: Any = torch.cuda.make_graphed_callables(function, arguments, allow_unused_input=True)
-    return captured  # type: ignore[no-any-return]
+    return captured
 
 
 class Graphs:

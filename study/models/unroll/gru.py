@@ -1,6 +1,7 @@
 """A GRU whose inputs are known for all steps: teacher forcing, and the encoder of a VAE."""
 
 import warnings
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -41,7 +42,8 @@ def library_gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> 
     the library is not faster than the loop of `torch_unroll`.
     """
     # By default cuDNN rounds the factors of its products to 10 bits (TF32).
-    torch.backends.cudnn.rnn.fp32_precision = "ieee"
+    cudnn: Any = torch.backends.cudnn.rnn
+    cudnn.fp32_precision = "ieee"
     size = bias.shape[1]
     permutation = torch.eye(3 * size, dtype=gates.dtype, device=gates.device).roll(-size, 0)
     no_bias = gates.new_zeros(3 * size)

@@ -49,7 +49,7 @@ class FakeCapture:
                 found = iter(torch.autograd.grad(results, wanted, gradients, allow_unused=True))
                 return tuple(next(found) if v.requires_grad else None for v in arguments)
 
-        return Graphed.apply  # type: ignore[no-any-return]
+        return Graphed.apply
 
 
 def double(values: Tensor, _: Tensor | None = None) -> Results:
@@ -138,18 +138,18 @@ def test_a_sequence(sizes: Sizes, gain: bool, return_tops: bool, fake: FakeCaptu
         inputs = arguments.differentiable()
         expected = arguments.torch_unroll(0.8)[: 1 + return_tops]
         rows = (arguments.terms, arguments.state, arguments.hidden, arguments.gain)
-        found = unroll(arguments.weights, *rows, None, 0.8, return_tops, owner)
-        found = found[: 1 + return_tops]
+        results = unroll(arguments.weights, *rows, None, 0.8, return_tops, owner)
+        found = results[: 1 + return_tops]
         for ours, theirs in zip(found, expected, strict=True):
             torch.testing.assert_close(ours, theirs)
         gradients = [
             torch.autograd.grad(
-                sum(result.square().sum() for result in results),  # type: ignore[arg-type]
+                sum(result.square().sum() for result in values),  # type: ignore[arg-type]
                 inputs,
                 allow_unused=True,
                 materialize_grads=True,
             )
-            for results in (found, expected)
+            for values in (found, expected)
         ]
         torch.testing.assert_close(*gradients)
     assert (fake.captures, fake.replays) == (1, 2)
