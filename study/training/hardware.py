@@ -6,6 +6,7 @@ measures: each device runs the same work for half a second. Without a GPU nothin
 
 import copy
 import logging
+import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -148,8 +149,8 @@ def fit_precision(precision: str, model: nn.Module, device: torch.device) -> str
 
 def width(model: nn.Module) -> int:
     """The smaller side of the largest matrix among the parameters; 0 without a matrix."""
-    sides = [value.shape[-2:] for value in model.parameters() if value.dim() > 1]
-    return min(max(sides, key=lambda shape: shape[0] * shape[1])) if sides else 0
+    sides = [tuple(value.shape[-2:]) for value in model.parameters() if value.dim() > 1]
+    return min(max(sides, key=math.prod)) if sides else 0
 
 
 def has_bfloat16_units(device: torch.device) -> bool:

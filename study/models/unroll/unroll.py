@@ -144,7 +144,8 @@ def _graphed(owner: object, weights: Weights, *arguments: Any) -> tuple[Tensor, 
 
     def function(*tensors: Tensor | None) -> tuple[Tensor, ...]:
         values: tuple[Any, ...] = tensors
-        results = torch_unroll(Weights(*values[count:]), *values[:count], decay=decay)
+        rows: Any = values[:count]
+        results = torch_unroll(Weights(*values[count:]), *rows, decay)
         return results if return_tops or not inputs[1].shape[-1] else results[:1]
 
     states, *tops = graphs.of(owner)(function, (*inputs, *weights.tensors()), (decay, return_tops))
