@@ -143,9 +143,10 @@ def _graphed(owner: object, weights: Weights, *arguments: Any) -> tuple[Tensor, 
     count = len(inputs)
 
     def function(*tensors: Tensor | None) -> tuple[Tensor, ...]:
-        values: tuple[Any, ...] = tensors
-        rows: Any = values[:count]
-        results = torch_unroll(Weights(*values[count:]), *rows, decay)
+        values: Any = tensors
+        terms, state, hidden, gain, noise = values[:count]
+        of_weights = Weights(*values[count:])
+        results = torch_unroll(of_weights, terms, state, hidden, gain, noise, decay)
         return results if return_tops or not inputs[1].shape[-1] else results[:1]
 
     states, *tops = graphs.of(owner)(function, (*inputs, *weights.tensors()), (decay, return_tops))
