@@ -101,7 +101,7 @@ def _follow(table: Callable[[], Table], out: Path, terminal: Console) -> None:
 
 
 def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
-    """One line for each task: whether it is done, running, failed or to do, and its wall time.
+    """One line for each task: done, running, failed or to do, its wall time and its device.
 
     Args:
         costs: of each task; empty for a task that is not done.
@@ -117,14 +117,15 @@ def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
     for column in shown:
         table.add_column(column, no_wrap=True)
     table.add_column("seconds", justify="right")
+    table.add_column("device", no_wrap=True)
     total = 0.0
     for task, cost in costs.items():
         seconds = cost.get("seconds")
         total += seconds or 0.0
         state = "done" if seconds is not None else _state(task, store, is_running)
         where = _where(holders[task])[: len(shown)]
-        number = "" if seconds is None else f"{seconds:.1f}"
-        table.add_row(task.stage, task.label, state, *where, number)
+        took = "" if seconds is None else f"{seconds:.1f}"
+        table.add_row(task.stage, task.label, state, *where, took, str(cost.get("device", "")))
     table.add_section()
     table.add_row("all", "", "", *("" for _ in shown), f"{total:.1f}")
     return table

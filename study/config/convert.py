@@ -10,8 +10,28 @@ from study.common.errors import BadInput
 T = TypeVar("T")
 
 
+def to_json(settings: Any) -> dict[str, Any]:
+    """A frozen dataclass of settings as nested mappings, for keys, manifests and files of weights.
+
+    A setting that is not stored is left out, and a setting that was added later is left out at its
+    default. So the keys of earlier studies stay valid, and `from_json` reads their files.
+
+    Args:
+        settings: the dataclass; its fields may be dataclasses.
+    """
+    values: dict[str, Any] = asdict(settings)
+    for entry in fields(settings):
+        value = getattr(settings, entry.name)
+        added_later = entry.metadata.get("later", False) and value == entry.default
+        if added_later or not entry.metadata.get("stored", True):
+            del values[entry.name]
+        elif is_dataclass(value):
+            values[entry.name] = to_json(value)
+    return values
+
+
 def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A frozen dataclass of settings from what `dataclasses.asdict` gave and JSON kept.
+    """A frozen dataclass of settings from what `to_json` gave.
 
     A setting without a value has its default.
 
@@ -38,18 +58,6 @@ def _convert(annotation: Any, value: Any) -> Any:
     if is_dataclass(annotation) and isinstance(annotation, type):
         return from_json(annotation, value)
     return tuple(value) if get_origin(annotation) is tuple else value
-
-
-def to_json(settings: Any) -> dict[str, Any]:
-    """What `from_json` reads: `dataclasses.asdict`, without what ``stored=False`` excludes."""
-    values: dict[str, Any] = asdict(settings)
-    for entry in fields(settings):
-        value = getattr(settings, entry.name)
-        if not entry.metadata.get("stored", True):
-            del values[entry.name]
-        elif is_dataclass(value):
-            values[entry.name] = to_json(value)
-    return values
 
 
 def by_dotted_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -144,7 +144,11 @@ class Train:
             (`none`). An environment without symmetries has no transformation.
         validate_every: steps between two evaluations of the validation score.
         patience: evaluations without improvement before training stops.
-        accelerator: Lightning's: `auto` takes a GPU where there is one.
+        accelerator: device of ensembles, tuning, training and evaluation. `auto` takes the CPU or
+            the GPU, whichever is faster for a stage. `status` says which.
+        precision: of matrix products in training: 32 bits, `bf16` (bfloat16), or `auto`, which
+            takes bfloat16 where the processor has units for it and the layers are wide. Recurrences
+            and forecasts always have 32 bits.
     """
 
     steps: int = setting(1200, low=1, high=10**8)
@@ -155,6 +159,7 @@ class Train:
     validate_every: int = setting(150, low=1, high=10**8)
     patience: int = setting(8, low=1, high=10**8)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
+    precision: str = setting("32", choices=("32", "bf16", "auto"), later=True)
 
 
 @dataclass(frozen=True)

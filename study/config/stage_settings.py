@@ -12,6 +12,7 @@ from typing import Any
 
 from study.config.model_sections import Network
 from study.config.recorded import Recorded
+from study.config.sections import setting
 from study.config.settings import Collect, Ensemble, Evaluate, Tune
 
 
@@ -94,12 +95,21 @@ class TrainingSet:
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """Stage ensemble: the M recurrent networks of an environment, level and seed."""
+    """Stage ensemble: the M recurrent networks of an environment, level and seed.
+
+    Attributes:
+        training: the training trajectories.
+        seed: of initial weights, order of the data and sampling.
+        ensemble, network: settings of the networks.
+        accelerator, precision: see `Train`.
+    """
 
     training: TrainingSet
     seed: int
     ensemble: Ensemble
     network: Network
+    accelerator: str = setting("auto", later=True)
+    precision: str = setting("32", later=True)
 
 
 @dataclass(frozen=True)
@@ -168,6 +178,7 @@ class EvaluateSettings:
         evaluate: settings of the scores.
         recorded: see `CollectSettings`.
         training: the training trajectories of a reference that forecasts from them.
+        accelerator: see `Train`.
     """
 
     environment: str
@@ -176,6 +187,7 @@ class EvaluateSettings:
     evaluate: Evaluate
     recorded: Recorded | None = None
     training: TrainingSet | None = None
+    accelerator: str = setting("auto", later=True)
 
 
 @dataclass(frozen=True)

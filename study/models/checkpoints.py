@@ -1,7 +1,7 @@
 """A trained model as one safetensors file: its weights, its settings and its normalisation."""
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from study.common.errors import BadInput, StudyError
-from study.config.convert import from_json
+from study.config.convert import from_json, to_json
 from study.data.normalization import Normalization
 from study.models import Model, models
 from study.models.rnn_ensemble import RnnEnsemble
@@ -88,9 +88,9 @@ def save_model(model: Model[Any], name: str, path: Path, beta: float | None = No
     ensemble = fitted_ensemble(model)
     facts = {
         "model": name,
-        "settings": asdict(model.settings),
+        "settings": to_json(model.settings),
         "beta": beta,
-        "ensemble_settings": None if ensemble is None else asdict(ensemble.settings),
+        "ensemble_settings": None if ensemble is None else to_json(ensemble.settings),
         "runtime": runtime(),
     }
     tensors = {key: value.contiguous().cpu() for key, value in model.state_dict().items()}

@@ -91,7 +91,18 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         return self(s0, actions)[scenarios, member]
 
     def training_step(self, batch: dict[str, Tensor]) -> Tensor:
-        """−log p_θ of each member (equation 10), averaged over trajectories, t and dimensions.
+        """The sum of the members' losses. The training curves have each of them."""
+        losses = self.member_losses(batch, self.global_step)
+        self.log_curves({f"loss/member_{index}": loss for index, loss in enumerate(losses)})
+        # Members share no parameter: the gradient of the sum is each member's own gradient.
+        return losses.sum()
+
+    def losses(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
+        """See `Model.losses`: the sum over the members."""
+        return {"loss": self.member_losses(batch, step).sum()}
+
+    def member_losses(self, batch: dict[str, Tensor], step: int) -> Tensor:
+        """−log p_θ of each member (equation 10) [M], averaged over trajectories, t and dimensions.
 
         The batch has a leading axis M: each member has its own order of the data. The first steps
         are teacher forced, since the network then learns quickly. The later steps train on
@@ -99,17 +110,14 @@ class RnnEnsemble(Model[RnnEnsembleSettings]):
         """
         states, actions, options = batch["states"], batch["actions"], self.settings.ensemble
         s0, truth = states[:, :, 0], states[:, :, 1:]
-        teacher_forced = self.global_step < options.teacher_forcing_fraction * options.steps
+        teacher_forced = step < options.teacher_forcing_fraction * options.steps
         if teacher_forced:
             hidden = self.members.start(s0, s0[..., :0])
             offset = torch.zeros_like(truth)
             forecasts, _ = self.members.mean(states[:, :, :-1], actions, offset, hidden)
         else:
             forecasts = self.rollout(s0, actions)
-        losses = optimal_variance_nll((forecasts - truth).square().mean((1, 2))).mean(-1)
-        self.log_curves({f"loss/member_{index}": loss for index, loss in enumerate(losses)})
-        # Members share no parameter: the gradient of the sum is each member's own gradient.
-        return losses.sum()
+        return optimal_variance_nll((forecasts - truth).square().mean((1, 2))).mean(-1)
 
     def validation_step(self, batch: dict[str, Tensor]) -> None:
         """Log −log p_θ of autoregressive rollouts of the validation scenarios, by member."""

@@ -12,6 +12,9 @@ import torch
 from study.common.provenance import versions
 from study.models.unroll import compiler
 
+_uses: dict[str, str] = {}
+"""The devices that the current task has used, and their precision in training."""
+
 PLAIN = "none: networks are unrolled in plain torch"
 
 
@@ -28,11 +31,29 @@ def runtime() -> Mapping[str, Any]:
     }
 
 
+def report_use(device: torch.device, precision: str = "32") -> None:
+    """Report that the current task fits or forecasts on a device."""
+    _uses[device.type] = precision
+
+
+def forget_uses() -> None:
+    """Begin a new task."""
+    _uses.clear()
+
+
+def uses() -> str:
+    """The devices of the current task, such as `cpu`, `cpu bf16` or `cuda`."""
+    return ", ".join(
+        device if precision == "32" else f"{device} {precision}"
+        for device, precision in sorted(_uses.items())
+    )
+
+
 def _device() -> str:
-    """The processor, and the GPU if this process has used one."""
-    if not torch.cuda.is_initialized():
-        return _processor()
-    return f"{_processor()}, {torch.cuda.get_device_name()}"
+    """The processor, and the GPU if the current task has used one."""
+    if "cuda" in _uses:
+        return f"{_processor()}, {torch.cuda.get_device_name()}"
+    return _processor()
 
 
 @cache

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from study.common.files import read_json, write_json
 from study.config.settings import Config
@@ -18,13 +19,15 @@ from study.workflow.task import Task
 NAME = "timings.json"
 PER_STAGE = {"seconds": 3, "cpu_seconds": 3, "peak_memory": 0}
 """The quantities of each stage, and the decimals to which they are rounded."""
+DEVICE = "device"
+"""The entry with the device of each fit and of each forecast, such as `cpu` or `cuda`."""
 
 
 def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> None:
     """Write the cost of each task, and the engine that ran the tasks.
 
     Wall time and CPU time are in seconds, and peak memory in bytes. A quantity that was not
-    measured is left out.
+    measured is left out. Tasks that fit or forecast also have a device.
     """
     costs = {task.name: store.timing(task) for task in tasks}
     measured = {
@@ -35,23 +38,26 @@ def write(tasks: Iterable[Task], store: Store, config: Config, out: Path) -> Non
         }
         for quantity, digits in PER_STAGE.items()
     }
+    devices = {name: cost[DEVICE] for name, cost in costs.items() if DEVICE in cost}
     facts = {
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.system()} {platform.machine()}",
         "engine": asdict(config.engine),
         "workers": workers(config.engine),
     }
-    write_json(out / NAME, facts | measured)
+    write_json(out / NAME, facts | measured | {DEVICE: devices})
 
 
-def read(out: Path) -> dict[str, dict[str, float]]:
+def read(out: Path) -> dict[str, dict[str, Any]]:
     """The published cost of each task, by its name; empty if there is none."""
-    costs: dict[str, dict[str, float]] = {}
+    costs: dict[str, dict[str, Any]] = {}
     try:
         facts = read_json(out / NAME)
         for quantity in PER_STAGE:
             for task, value in facts[quantity].items():
                 costs.setdefault(task, {})[quantity] = float(value)
+        for task, device in facts.get(DEVICE, {}).items():
+            costs.setdefault(task, {})[DEVICE] = str(device)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
     return costs
@@ -61,8 +67,8 @@ def join(folders: Iterable[Path], out: Path) -> None:
     """Write the timings of several studies as those of one study."""
     parts = [read_json(folder / NAME) for folder in folders]
     merged = {
-        quantity: {name: value for part in parts for name, value in part[quantity].items()}
-        for quantity in PER_STAGE
+        quantity: {name: value for part in parts for name, value in part.get(quantity, {}).items()}
+        for quantity in (*PER_STAGE, DEVICE)
     }
     finished = max(part["finished"] for part in parts)
     write_json(out / NAME, parts[0] | {"finished": finished} | merged)

@@ -44,7 +44,13 @@ def run(
     torch.manual_seed(torch_seed(settings.seed))
     model = RnnEnsemble(data_set.normalization, RnnEnsembleSettings(ensemble, settings.network))
     options = FitOptions(
-        settings.seed, ensemble.steps, ensemble.validate_every, ensemble.patience, clip=None
+        settings.seed,
+        ensemble.steps,
+        ensemble.validate_every,
+        ensemble.patience,
+        clip=None,
+        accelerator=settings.accelerator,
+        precision=settings.precision,
     )
     fit(model, data, out, progress.part(0.0, 0.95), options)
     save_model(model, "ensemble", out / "ensemble.safetensors")

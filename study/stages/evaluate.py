@@ -35,6 +35,7 @@ from study.models.oracle import Oracle
 from study.models.references import reference
 from study.recording.examples import choose_examples
 from study.recording.illustration import illustrate
+from study.training.hardware import forecast_on_faster_device
 from study.training.inputs import training_trajectories
 
 
@@ -55,6 +56,7 @@ def run(
         forecaster = load_forecaster(settings.model, simulator, inputs)
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(test))
+    forecast_on_faster_device(settings.accelerator, forecaster, test, seeds)
     progress(0.01, "forecasting")
     part = progress.part(0.01, 0.5)
     forecasts = forecast_in_parts(forecaster, test, evaluate.samples, seeds, part)

@@ -8,7 +8,7 @@ on the trials that ended before it.
 
 import gc
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from study.common.errors import StudyError
 from study.common.files import write_json
 from study.common.progress import Progress
 from study.common.seeds import derive, torch_seed
-from study.config.convert import from_json
+from study.config.convert import from_json, to_json
 from study.config.settings import Tune
 from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
@@ -159,6 +159,7 @@ def _short_fit(
         tune.steps // tune.evaluations,
         patience=None,
         accelerator=start.train.accelerator,
+        precision=start.train.precision,
     )
     curves = out / "trial"
     score = fit(
@@ -184,7 +185,7 @@ def _trial_settings(settings: TuneSettings) -> TrainSettings:
     model = models[settings.fit.model]
     trial = model.trial_settings(from_json(model.settings_class, settings.fit.model_settings))
     short = replace(trial, train=replace(trial.train, steps=settings.tune.steps))
-    return replace(settings.fit, model_settings=asdict(short))
+    return replace(settings.fit, model_settings=to_json(short))
 
 
 def trial_to_json(number: int, trial: FrozenTrial) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The LightningDataModule: whole trajectories in memory, normalised, batched by index."""
 
+import copy
 from collections.abc import Iterator
 
 import lightning as L
@@ -27,7 +28,20 @@ class InMemory(Dataset[Batch]):
         return len(next(iter(self.tensors.values())))
 
     def __getitem__(self, index: Tensor) -> Batch:
-        return {name: tensor[index] for name, tensor in self.tensors.items()}
+        return {name: tensor[index.to(tensor.device)] for name, tensor in self.tensors.items()}
+
+    def to(self, device: torch.device) -> "InMemory":
+        """The same data set on a device. Its batches are made there."""
+        return InMemory({name: tensor.to(device) for name, tensor in self.tensors.items()})
+
+    def size(self) -> int:
+        """Bytes."""
+        return sum(tensor.nbytes for tensor in self.tensors.values())
+
+
+def free_memory(device: torch.device) -> int:
+    """Bytes that a data set may take on a GPU: half of what is free. 0 on any other device."""
+    return torch.cuda.mem_get_info(device)[0] // 2 if device.type == "cuda" else 0
 
 
 class ShuffledBatches(Sampler[Tensor]):
@@ -73,8 +87,10 @@ class ShuffledBatches(Sampler[Tensor]):
 class TrajectoryDataModule(L.LightningDataModule):
     """Batches for one model.
 
-    With symmetries, the module keeps the trajectories in SI units. Every trajectory of every batch
-    is transformed anew, together with its `members`, and then normalised.
+    The data set lies on the GPU on which a model is fitted, if it fits there.
+
+    With symmetries, the module keeps the trajectories in SI units, on the CPU. Every trajectory of
+    every batch is transformed anew, together with its `members`, and then normalised.
 
     A training batch holds ``states`` [B, T+1, D], ``actions`` [B, T, A] and, for a residual model,
     ``members`` [B, M, T, D], the ensemble's forecasts. All are normalised. With data streams for
@@ -139,9 +155,23 @@ class TrajectoryDataModule(L.LightningDataModule):
             return self.training.orbit_states()
         return self.training.tensors["states"]
 
+    def first_batch(self) -> Batch:
+        """The first training batch, without an effect on those that follow."""
+        training = copy.copy(self.training)
+        if isinstance(training, AugmentedTrajectories):
+            training.generator = copy.deepcopy(training.generator)
+        return training[next(iter(self.sampler))]
+
     def train_dataloader(self) -> DataLoader[Batch]:
-        """Endless batches; the trainer stops after `FitOptions.steps` steps, or early."""
-        return DataLoader(self.training, sampler=self.sampler, batch_size=None)
+        """Endless batches; the trainer stops after `FitOptions.steps` steps, or early.
+
+        The order of the data is the same on every device.
+        """
+        training, trainer = self.training, self.trainer
+        device = torch.device("cpu") if trainer is None else trainer.strategy.root_device
+        if isinstance(training, InMemory) and training.size() < free_memory(device):
+            training = training.to(device)
+        return DataLoader(training, sampler=self.sampler, batch_size=None)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """One batch of all validation scenarios."""

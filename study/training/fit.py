@@ -12,13 +12,16 @@ import torch
 from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
+from lightning.pytorch.plugins import MixedPrecision, Precision
 
 from study.common.progress import Progress
 from study.common.seeds import torch_seed
 from study.config.settings import Train
 from study.models import Model
 from study.models.base import LOG_EVERY
+from study.models.runtime import report_use
 from study.training.data_module import TrajectoryDataModule
+from study.training.hardware import fit_device, fit_precision
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class FitOptions:
         patience: evaluations without improvement after which training stops; the model gets the
             best weights. None trains to the end; the model keeps the last weights.
         clip: largest norm of the gradient; None for no clipping.
-        accelerator: see ``lightning.Trainer``.
+        accelerator, precision: see `Train`.
     """
 
     seed: int
@@ -41,6 +44,7 @@ class FitOptions:
     patience: int | None
     clip: float | None = 1.0
     accelerator: str = "auto"
+    precision: str = "32"
 
     @classmethod
     def from_settings(cls, train: Train, seed: int) -> "FitOptions":
@@ -51,7 +55,23 @@ class FitOptions:
             train.validate_every,
             train.patience,
             accelerator=train.accelerator,
+            precision=train.precision,
         )
+
+
+class Bfloat16(MixedPrecision):
+    """Lightning's ``bf16-mixed``, which also clips gradients of a fused optimiser.
+
+    Lightning forbids it, since a fused optimiser also divides gradients by the scale of float16.
+    There is no such scale for bfloat16.
+    """
+
+    def __init__(self, device: torch.device) -> None:
+        super().__init__("bf16-mixed", device.type)
+
+    def clip_gradients(self, *arguments: Any, **named: Any) -> None:
+        """Clip as without mixed precision."""
+        Precision.clip_gradients(self, *arguments, **named)
 
 
 class ReportProgress(Callback):
@@ -88,6 +108,9 @@ def fit(
     """
     L.seed_everything(torch_seed(options.seed), verbose=False)
     model.on_training_data(data.training_states())
+    device = fit_device(options.accelerator, model, data, options.steps)
+    precision = fit_precision(options.precision, model, device)
+    report_use(device, precision)
     checkpoints = out / "checkpoint"
     shutil.rmtree(checkpoints, ignore_errors=True)
     best = ModelCheckpoint(checkpoints, monitor="validation_score", save_weights_only=True)
@@ -97,8 +120,8 @@ def fit(
     environment = LightningEnvironment()
     environment.set_global_rank(0)
     trainer = L.Trainer(
-        plugins=[environment],
-        accelerator=options.accelerator,
+        plugins=[environment, *([Bfloat16(device)] if precision == "bf16" else [])],
+        accelerator=device.type,
         devices=1,
         max_steps=options.steps,
         val_check_interval=min(options.validate_every, options.steps),

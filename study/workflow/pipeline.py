@@ -9,7 +9,7 @@ model. It depends on nothing else. Data or an ensemble that several cells share 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 from study.common.seeds import derive
@@ -68,6 +68,8 @@ class Pipeline:
             derive(label, "ensemble"),
             self.config.ensemble,
             self.config.section("network"),
+            self.config.train.accelerator,
+            self.config.train.precision,
         )
         return self._task("ensemble", label, settings, data=self.collect(cell.environment))
 
@@ -121,6 +123,7 @@ class Pipeline:
             self.config.evaluate,
             self._recorded(cell.environment),
             self._training_set(cell) if cell.model in FROM_DATA else None,
+            self.config.train.accelerator,
         )
 
     def record_data(self, environment: str) -> Task:
@@ -172,7 +175,7 @@ class Pipeline:
         settings = model.settings_from(self.config, cell.model)
         settings = replace(settings, train=model.training_options(settings))
         seed = derive(cell.name, purpose)
-        return TrainSettings(self._training_set(cell), cell.model, asdict(settings), seed)
+        return TrainSettings(self._training_set(cell), cell.model, to_json(settings), seed)
 
     def _sources(self, cell: Cell) -> dict[str, Task]:
         sources = {"data": self.collect(cell.environment)}

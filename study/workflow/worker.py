@@ -147,8 +147,9 @@ def _run_logged(
             check_classes(task, inputs)
             run_stage(task, inputs, out, progress)
             began_at = began.isoformat(timespec="milliseconds")
-            timing = {"began": began_at, "threads": threads} | meter.read()
-            store.finish(task, timing, _runtime(), lease.token, lease.verify)
+            runtime, device = _runtime()
+            timing = {"began": began_at, "threads": threads} | meter.read() | device
+            store.finish(task, timing, runtime, lease.token, lease.verify)
         except Exception as problem:
             try:
                 lease.verify()  # without the lease, the error may come from the new holder
@@ -181,6 +182,9 @@ def prepare(plugins: tuple[str, ...], threads: int) -> None:
     """
     import torch
 
+    from study.models.runtime import forget_uses
+
+    forget_uses()
     for plugin in plugins:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
@@ -192,10 +196,11 @@ def prepare(plugins: tuple[str, ...], threads: int) -> None:
     torch.manual_seed(0)
 
 
-def _runtime() -> Mapping[str, Any]:
-    from study.models.runtime import runtime  # torch takes seconds to import
+def _runtime() -> tuple[Mapping[str, Any], dict[str, str]]:
+    """The runtime for the manifest, and the entry of the devices in ``timing.json``."""
+    from study.models.runtime import runtime, uses  # torch takes seconds to import
 
-    return runtime()
+    return runtime(), {"device": uses()} if uses() else {}
 
 
 def _module(task: Task) -> Stage:

@@ -1,10 +1,20 @@
 """What a fit logs."""
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
 import torch
 
+from study.common.progress import Progress
+from study.data.trajectories import ScenarioSet
 from study.models.base import LOG_EVERY
-from tests.helpers.models import model
+from study.models.runtime import forget_uses, uses
+from study.training.data_module import TrajectoryDataModule
+from study.training.fit import FitOptions, fit
+from study.training.validation import LogForecastScore
+from tests.helpers.models import model, normalization, trajectories
 
 
 def test_curves_have_a_point_every_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -15,3 +25,33 @@ def test_curves_have_a_point_every_few_steps(monkeypatch: pytest.MonkeyPatch) ->
         network.log_curves({"loss": torch.tensor(1.0)})
     # Lightning writes at these steps: see `log_every_n_steps`.
     assert points == [LOG_EVERY - 1, 2 * LOG_EVERY - 1, 3 * LOG_EVERY - 1]
+
+
+@pytest.mark.parametrize("precision", ["32", "bf16"])
+def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
+    """With a fused optimiser and clipping, which Lightning's own plugin refuses."""
+    data, observed = trajectories(), trajectories(6, seed=3)
+    scenarios = ScenarioSet(
+        observed.states[:, 0],
+        observed.actions,
+        np.zeros((6, 1), np.float32),
+        observed.states[:, None, 1:],
+        np.zeros((6, 1, 0), np.float32),
+        {},
+    )
+    batches = TrajectoryDataModule(normalization(), data, scenarios, batch_size=4, seed=0)
+    network: Any = model("probabilistic_mlp")
+    before = [value.clone() for value in network.parameters()]
+    dtypes: list[torch.dtype] = []
+    network.network.stem.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
+    network.network.skip.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
+    score = LogForecastScore(lambda *_: 1.0)  # type: ignore[arg-type]
+    options = FitOptions(0, 3, 3, None, accelerator="cpu", precision=precision)
+    forget_uses()
+    fit(network, batches, tmp_path, Progress(), options, [score])
+    # Sums are in float32 in any case.
+    assert set(dtypes) == {torch.float32} | ({torch.bfloat16} if precision == "bf16" else set())
+    assert uses() == ("cpu" if precision == "32" else "cpu bf16")
+    after = list(network.parameters())
+    assert any(not torch.equal(*pair) for pair in zip(before, after, strict=True))
+    assert all(value.dtype == torch.float32 and value.isfinite().all() for value in after)

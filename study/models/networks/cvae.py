@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from study.data.normalization import Normalization
 from study.models.networks.architecture import Architecture
 from study.models.networks.gaussian import GaussianDynamics
-from study.models.unroll.unroll import gru
+from study.models.unroll.gru import gru
 
 
 class RecurrentCvae(nn.Module):
@@ -70,7 +70,7 @@ class RecurrentCvae(nn.Module):
         initial = target.new_zeros(1, len(target), len(self.encoder_bias))
         weight = self.encoder_gates_of_hidden.weight.T
         hiddens = gru(gates[None], initial, weight[None], self.encoder_bias[None])[0]
-        mean, log_variance = self.posterior(hiddens).chunk(2, dim=-1)
+        mean, log_variance = self.posterior(hiddens).to(hiddens.dtype).chunk(2, dim=-1)
         return mean, log_variance.clamp(-12.0, 6.0)
 
     def decode(

@@ -22,13 +22,14 @@ from study.data.normalization import Normalization
 from study.models.networks.architecture import Architecture
 from study.models.networks.linear import StackedLinear
 from study.models.unroll.frame import direction, turn
-from study.models.unroll.unroll import Weights, features, gru, unroll
+from study.models.unroll.gru import gru
+from study.models.unroll.unroll import Weights, features, unroll
 
 INPUT_GAIN = 3.0
 """Factor on the initial weights of the stem. A contact of a peg and a ball happens within
 hundredths of the range of the states. An initially smooth network learns contacts slowly."""
 
-MAX_ROWS = 240
+MAX_ROWS, MAX_GPU_ROWS = 240, 8192
 """Largest number of trajectories in one batch of forecasts. It bounds the memory."""
 
 
@@ -168,7 +169,7 @@ class DynamicsNetwork(nn.Module):
         output = self._linear(self.output, top)
         if shape.product:
             output = output + self._linear(self.skip, x)
-        return output, top
+        return output.to(self.unit.dtype), top
 
     def to_canonical(self, values: Tensor, state: Tensor) -> Tensor:
         """Turn vectors [..., D], in normalised units or in units u, to the frame of a state."""
@@ -230,10 +231,9 @@ class DynamicsNetwork(nn.Module):
         values = (s0, inputs, offset, hidden, gain, noise)
         if torch.is_grad_enabled():
             return self._rollout(*values, return_tops=return_tops)
-        count = max(1, -(-s0.shape[1] // MAX_ROWS))  # a batch may be empty
-        blocks = [
-            (None,) * count if value is None else value.split(MAX_ROWS, 1) for value in values
-        ]
+        rows = MAX_ROWS if s0.device.type == "cpu" else MAX_GPU_ROWS
+        count = max(1, -(-s0.shape[1] // rows))  # a batch may be empty
+        blocks = [(None,) * count if value is None else value.split(rows, 1) for value in values]
         parts = [
             self._rollout(*block, return_tops=return_tops) for block in zip(*blocks, strict=True)
         ]
@@ -263,7 +263,7 @@ class DynamicsNetwork(nn.Module):
             features_weight = features_weight + pad(identity, (0, weight.shape[2] - self.size))
         weights = self._weights(features_weight)
         decay = self.gradient_decay
-        return unroll(weights, terms, s0, hidden, gain, noise, decay, return_tops)
+        return unroll(weights, terms, s0, hidden, gain, noise, decay, return_tops, owner=self)
 
     def _weight_of_x(self) -> tuple[Tensor, Tensor]:
         """The weights [M, F + I, O] and biases [M, 1, O] of l, u, v and the gates."""

@@ -76,7 +76,7 @@ class GaussianDynamics(DynamicsNetwork):
 
     def log_std_of(self, top: Tensor) -> Tensor:
         """w [M, B, T, D] from y [M, B, T, W]."""
-        return bounded(self._linear(self.log_std, top))
+        return bounded(self._linear(self.log_std, top).to(self.unit.dtype))
 
     def nll(self, error: Tensor, log_std: Tensor, step: int, weighted: bool = True) -> Tensor:
         """The negative log-likelihood of a batch, at the optimal σ²; updates the running σ².

@@ -63,7 +63,7 @@ class GeneratorDynamics(DynamicsNetwork):
         error = self.to_canonical(change, state) - mean
         # (y · P_z) Q for all components of z at once.
         gains = self.noise_gain.weight[..., None] * self.noise_output.weight[:, None]
-        factor = top @ gains.movedim(1, 2).flatten(2)
+        factor = (top @ gains.movedim(1, 2).flatten(2)).to(self.unit.dtype)
         return error, factor.unflatten(-1, (-1, self.size)) + self.noise_shift.weight[:, None]
 
     def generate(self, s0: Tensor, inputs: Tensor, offset: Tensor, noise: Tensor) -> Tensor:

@@ -5,6 +5,8 @@ import math
 import torch
 from torch import Tensor
 
+from study.models.precision import in_float32
+
 STD_POWER = 0.75
 """Exponent of the standard deviation in the weights of `weighted_log_score`."""
 
@@ -96,6 +98,7 @@ def weighted_log_score(error: Tensor, variance: Tensor) -> Tensor:
     return (weight * (0.5 * error.square() / variance + std.log())).mean()
 
 
+@in_float32
 def projected_log_score(error: Tensor, factor: Tensor) -> Tensor:
     """−log N(wᵀe; 0, wᵀGᵀG w) for random directions w of standardised errors e, averaged.
 

@@ -67,7 +67,8 @@ class TrajectoryEncoder(nn.Module):
         """
         stride = math.ceil(states.shape[1] / STEPS)
         values = torch.cat([states, changes, condition], -1)[:, ::stride]
-        mean, log_variance = self.posterior(self.network(values).mean(1)).chunk(2, -1)
+        moments = self.posterior(self.network(values).mean(1)).to(values.dtype)
+        mean, log_variance = moments.chunk(2, -1)
         log_variance = log_variance.clamp(-8.0, 2.0)
         sample = mean + torch.exp(0.5 * log_variance) * torch.randn_like(mean)
         return sample, kl_from_standard_normal(mean, log_variance)

@@ -19,9 +19,9 @@ def direction(state: Tensor, columns: Tensor, scale: Tensor) -> tuple[Tensor, Te
         columns: of the points (x, y) from which and to which the axis points, [2, 2].
         scale: of the two points, from normalised to SI units, [2].
     """
-    (from_x, from_y), (to_x, to_y) = columns.tolist()
-    x = scale[1] * state[..., to_x] - scale[0] * state[..., from_x]
-    y = scale[1] * state[..., to_y] - scale[0] * state[..., from_y]
+    # A CUDA graph cannot contain the numbers of the columns, only the tensor.
+    points = scale[:, None] * state[..., columns]
+    x, y = (points[..., 1, :] - points[..., 0, :]).unbind(-1)
     distance = (x.square() + y.square()).clamp(min=SMALLEST_DISTANCE**2).sqrt()
     return (x / distance)[..., None], (y / distance)[..., None]
 

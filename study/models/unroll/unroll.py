@@ -2,7 +2,8 @@
 
 On a CPU a loop in torch spends its time on the overhead of thousands of small operations. So the
 whole horizon runs in C (`unroll.c`) on a CPU, forwards and backwards. On a GPU, or without a C
-compiler, `torch_unroll` computes the same. The tests use it as the reference.
+compiler, `torch_unroll` computes the same. The tests use it as the reference. On a GPU it is
+captured in a CUDA graph (`graphs.py`).
 """
 
 from dataclasses import dataclass, fields
@@ -12,7 +13,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import silu
 
-from study.models.unroll import kernel
+from study.models.precision import in_float32
+from study.models.unroll import graphs, kernel
 from study.models.unroll.frame import direction, turn
 
 LOG_STD_BOUND = 1.0
@@ -76,6 +78,7 @@ class Weights:
         return tuple(getattr(self, entry.name) for entry in fields(self))
 
 
+@in_float32
 def unroll(
     weights: Weights,
     terms: Tensor,
@@ -85,6 +88,7 @@ def unroll(
     noise: Tensor | None = None,
     decay: float = 1.0,
     return_tops: bool = False,
+    owner: object = None,
 ) -> tuple[Tensor, Tensor]:
     """s_{1:T} and y_{1:T} of networks whose state is fed back.
 
@@ -111,6 +115,7 @@ def unroll(
         noise: [M, B, T, D], additive noise; None without it. Not differentiable.
         decay: factor on the gradient of a state, at every step back.
         return_tops: whether y is needed. If not, it may be empty.
+        owner: of the weights: keeps the CUDA graphs. None for none.
 
     Returns:
         s_{1:T} [M, B, T, D] and y_{1:T} [M, B, T, W].
@@ -127,47 +132,25 @@ def unroll(
         inputs = (terms, state, hidden, gain, noise, decay, return_tops, grad)
         states, tops = _Compiled.apply(*inputs, *weights.tensors())
         return states, tops
+    if owner is not None and graphs.are_used(terms.device):
+        return _graphed(owner, *arguments, return_tops)
     return torch_unroll(*arguments)
 
 
-def gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """h_{1:T} [M, B, T, H] of a GRU without a state that is fed back: see `unroll`.
+def _graphed(owner: object, weights: Weights, *arguments: Any) -> tuple[Tensor, Tensor]:
+    """`torch_unroll` as a CUDA graph of `owner`."""
+    *inputs, decay, return_tops = arguments
+    count = len(inputs)
 
-    Args:
-        gates: what does not depend on h_t, in the order n, r, u, [M, B, T, 3H].
-        hidden: h_0 [M, B, H].
-        weight: from h_t to the gates r, u and n, [M, H, 3H].
-        bias: of the gate n, [M, H].
-    """
-    count, memory = bias.shape
+    def function(*tensors: Tensor | None) -> tuple[Tensor, ...]:
+        values: Any = tensors
+        terms, state, hidden, gain, noise = values[:count]
+        of_weights = Weights(*values[count:])
+        results = torch_unroll(of_weights, terms, state, hidden, gain, noise, decay)
+        return results if return_tops or not inputs[1].shape[-1] else results[:1]
 
-    def empty(*shape: int) -> Tensor:
-        return bias.new_zeros(count, *shape)
-
-    none = bias.new_zeros(0)
-    weights = Weights(
-        state=empty(0, 3 * memory),
-        gates=empty(0, 3 * memory),
-        hidden=weight,
-        hidden_bias=bias,
-        mix=empty(0, 0),
-        mix_bias=empty(0),
-        layers=empty(0, memory, memory),
-        layers_bias=empty(0, memory),
-        output=empty(memory, 0),
-        noise_output=None,
-        log_std=None,
-        log_std_bias=None,
-        lowest=none,
-        highest=none,
-        angle_columns=none.long(),
-        angle_mean=none,
-        angle_scale=none,
-        pair_columns=none.long(),
-        axis_columns=none.long(),
-        axis_scale=none,
-    )
-    return unroll(weights, gates, hidden[..., :0], hidden, return_tops=True)[1]
+    states, *tops = graphs.of(owner)(function, (*inputs, *weights.tensors()), (decay, return_tops))
+    return states, tops[0] if tops else states[..., :0]
 
 
 def torch_unroll(

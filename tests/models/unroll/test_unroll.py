@@ -13,7 +13,8 @@ from torch import Tensor
 
 from study.common.arrays import Doubles
 from study.models.unroll import kernel
-from study.models.unroll.unroll import LOG_STD_BOUND, Weights, features, gru
+from study.models.unroll.gru import gru
+from study.models.unroll.unroll import LOG_STD_BOUND, Weights, features
 from tests.helpers.unrolled import Case, Sizes, bounded, case
 
 DECAY = 0.8

@@ -1,0 +1,144 @@
+"""CUDA graphs: thousands of small operations on a GPU, launched at once.
+
+A loop over the steps of a horizon starts some thirty operations a step. On a GPU each takes less
+time than its launch. A CUDA graph records the operations, forwards and backwards, and replays them
+in one launch. It is bound to the shapes of its arguments, so there is one for each shape.
+"""
+
+import logging
+import weakref
+from collections import Counter
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+MOST_GRAPHS = 8
+"""Largest number of graphs of one owner, since each keeps its arrays in the memory of the GPU."""
+
+Results = tuple[Tensor, ...]
+Capture = Callable[[Callable[..., Results], Results], Callable[..., Results]]
+
+_log = logging.getLogger(__name__)
+
+
+def are_used(device: torch.device) -> bool:
+    """Whether functions on this device are captured."""
+    return device.type == "cuda"
+
+
+def cuda_capture(function: Callable[..., Results], arguments: Results) -> Callable[..., Results]:
+    """A function that replays `function`. Its results are overwritten by the next replay.
+
+    Args:
+        function: of tensors, without synchronisation with the CPU.
+        arguments: tensors of the graph. Calls of the result copy their arguments into them.
+    """
+    captured: Any = torch.cuda.make_graphed_callables(function, arguments, allow_unused_input=True)
+    return captured
+
+
+class Graphs:
+    """The graphs of one network, by the shapes of the arguments.
+
+    A shape is captured at its second use, since a capture takes as long as some ten calls. If a
+    capture fails, that shape is never captured, and the function runs without a graph.
+
+    A graph has one set of arrays, also for the backward pass. If a result still waits for its
+    backward pass, the next call of the same shape runs without a graph.
+
+    Args:
+        capture: see `cuda_capture`.
+    """
+
+    def __init__(self, capture: Capture | None = None) -> None:
+        self.capture = capture or cuda_capture
+        self.uses: Counter[Hashable] = Counter()
+        self.graphs: dict[Hashable, Callable[..., Results] | None] = {}
+        self.last: dict[Hashable, weakref.ref[_Replay]] = {}
+
+    def __call__(
+        self,
+        function: Callable[..., Results],
+        arguments: tuple[Tensor | None, ...],
+        constants: tuple[Hashable, ...] = (),
+    ) -> Results:
+        """`function(*arguments)`.
+
+        Args:
+            function: see `cuda_capture`; arguments that are None stay None.
+            arguments: its arguments.
+            constants: on what else it depends.
+        """
+        present = tuple(value for value in arguments if value is not None)
+        grad = torch.is_grad_enabled()
+        shapes = tuple(None if value is None else _shape(value, grad) for value in arguments)
+        key = (shapes, constants, grad)
+        self.uses[key] += 1
+        if key not in self.graphs and self.uses[key] > 1 and len(self.graphs) < MOST_GRAPHS:
+            self.graphs[key] = self._captured(function, arguments, grad)
+        graph = self.graphs.get(key)
+        if graph is None or self._is_waiting(key):
+            return function(*arguments)
+        replay = _Replay()
+        self.last[key] = weakref.ref(replay)
+        copies: Results = _Copy.apply(replay, *graph(*present))
+        return copies
+
+    def _is_waiting(self, key: Hashable) -> bool:
+        replay = self.last[key]() if key in self.last else None
+        return replay is not None and not replay.is_done
+
+    def _captured(
+        self, function: Callable[..., Results], arguments: tuple[Tensor | None, ...], grad: bool
+    ) -> Callable[..., Results] | None:
+        static = tuple(_static(value, grad) for value in arguments if value is not None)
+        are_present = [value is not None for value in arguments]
+
+        def of_tensors(*tensors: Tensor) -> Results:
+            values = iter(tensors)
+            return function(*(next(values) if present else None for present in are_present))
+
+        try:
+            return self.capture(of_tensors, static)
+        except RuntimeError as error:
+            _log.warning("no CUDA graph, sequences run step by step: %s", error)
+            return None
+
+
+class _Replay:
+    """One replay. It exists as long as its backward pass can still be needed."""
+
+    is_done = False
+    """Whether the backward pass has begun."""
+
+
+class _Copy(torch.autograd.Function):
+    """Copies of the results, which the next replay overwrites."""
+
+    @staticmethod
+    def forward(ctx: Any, replay: _Replay, *results: Tensor) -> Results:
+        ctx.replay = replay
+        return tuple(result.clone() for result in results)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        ctx.replay.is_done = True
+        return None, *gradients
+
+
+def _shape(value: Tensor, grad: bool) -> Hashable:
+    return tuple(value.shape), value.dtype, value.device, grad and value.requires_grad
+
+
+def _static(value: Tensor, grad: bool) -> Tensor:
+    return value.detach().clone().requires_grad_(grad and value.requires_grad)
+
+
+_graphs: weakref.WeakKeyDictionary[Any, Graphs] = weakref.WeakKeyDictionary()
+
+
+def of(owner: Any) -> Graphs:
+    """The graphs of a network, which are removed with it."""
+    return _graphs.setdefault(owner, Graphs())
