@@ -14,6 +14,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C: 128 + SIGINT, as in shells."""
 CLOSED_PIPE = 141
 """Exit code when the reader of a pipe has ended: 128 + SIGPIPE, as in shells."""
+OWN_PACKAGES = ("study", "paper_figs")
+"""Packages of this repository. A missing module of theirs is a defect."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -34,6 +36,15 @@ def main(arguments: list[str] | None = None) -> int:
         return error.exit_code
     except BrokenPipeError:
         return _close_output()
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in OWN_PACKAGES:
+            raise
+        print(
+            f"error: {sys.executable} lacks the package '{error.name}'; "
+            "run `source .venv/bin/activate`, or `make study` if there is no .venv",
+            file=sys.stderr,
+        )
+        return 1
     except OSError as error:
         print(f"error: {explain(error)}; complete files are kept", file=sys.stderr)
         return 1

@@ -10,7 +10,7 @@ import pytest
 
 from study.commands import status
 from study.run import CLOSED_PIPE, main
-from tests.helpers.running import SMALL
+from tests.helpers.running import ROOT, SMALL
 
 
 @pytest.mark.parametrize(
@@ -53,3 +53,13 @@ def test_a_closed_pipe_ends_it_quietly(command: str, tmp_path: Path) -> None:
         os.close(writing)
     assert (done.stderr, done.returncode) == ("", CLOSED_PIPE)
     assert not (tmp_path / "work" / "collect").exists()
+
+
+def test_an_interpreter_without_the_requirements() -> None:
+    bare = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"]
+    bare[-1] += "from study.run import main; sys.exit(main(['--help']))"
+    done = subprocess.run(bare, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"error: {sys.executable} lacks the package '")
+    assert "source .venv/bin/activate" in done.stderr
+    assert done.stderr.count("\n") == 1
