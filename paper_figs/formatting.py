@@ -43,6 +43,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
+def signed(estimate: float, low: float, high: float, digits: int = 4) -> str:
+    """An estimate with its interval."""
+    return f"{number(estimate, digits)} [{number(low, digits)}, {number(high, digits)}]"
+
+
 def beyond(models: Iterable[str]) -> list[str]:
     """A note on models beyond the paper, if there are any."""
     return ["† Beyond the paper."] if set(models) & set(BEYOND) else []

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from paper_figs.pages import benchmark_tables, posterior_tables, study_tables
+from paper_figs.pages import benchmark_tables, claim_tables, posterior_tables, study_tables
 from paper_figs.pages.marks import pages, rewritten
 from study.common.errors import StudyError
 
@@ -25,6 +25,7 @@ def outdated(root: Path = ROOT) -> dict[Path, str]:
     results = root / "results"
     tables = (
         study_tables.tables(results)
+        | claim_tables.tables(results)
         | posterior_tables.tables(results)
         | benchmark_tables.tables(root)
     )

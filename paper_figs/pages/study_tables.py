@@ -1,6 +1,5 @@
 """The tables of the front page and of the report, from the committed results of a study."""
 
-from collections import Counter
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from paper_figs.formatting import NOTHING, number, title
+from paper_figs.formatting import NOTHING, number, signed, title
 from paper_figs.pages.marks import pipe_table
 from paper_figs.scores import read_scores, rollouts
 from study.claims.paper import BRIER
@@ -35,8 +34,6 @@ from study.metrics.tables.table import select
 from study.metrics.variance import median_ratio
 
 CELLS = [(environment, level) for environment in ENVIRONMENTS for level in LEVELS]
-VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
-SECTIONS = {"Pusher (section V-A)": "V-A", "UAV (section V-B)": "V-B", "checks of our own": "ours"}
 METRICS = {"mmd2": "MMD²", "brier": "plain Brier score"}
 CONTRASTS = (
     (FULL, RESIDUAL),
@@ -70,12 +67,6 @@ class Study:
         if observed is None:
             raise BadInput(f"{self._folder / 'study.json'} lacks the setting collect.rollouts")
         return observed
-
-    @cached_property
-    def claims(self) -> list[dict[str, Any]]:
-        """``claims.json``."""
-        claims: list[dict[str, Any]] = read_json(self._folder / "claims.json")
-        return claims
 
     @cached_property
     def trials(self) -> pd.DataFrame:
@@ -144,8 +135,6 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     """
     study = Study(results / "paper")
     return {
-        "verdicts": lambda: verdicts(study),
-        "claims": lambda: claims(study),
         "answer": lambda: answer(study),
         "brier": lambda: scores(study, "brier", [*study.models, ENSEMBLE, ORACLE, CLIMATOLOGY]),
         "mmd": lambda: scores(study, "mmd2", [*study.models, ENSEMBLE, ORACLE]),
@@ -160,35 +149,6 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
         "stages": lambda: stages(study),
         "ablations": lambda: ablations(read_json(results / "ablations" / "ablations.json")),
     }
-
-
-def verdicts(study: Study) -> str:
-    """The number of claims of each section with each verdict."""
-    rows = []
-    paper = [claim for claim in study.claims if claim["section"] != "ours"]
-    groups = {"**the paper's claims**": paper} | {
-        name: [claim for claim in study.claims if claim["section"] == section]
-        for name, section in SECTIONS.items()
-    }
-    for name, group in groups.items():
-        counts = Counter(claim["verdict"] for claim in group)
-        rows.append([name, str(len(group)), *(str(counts[verdict]) for verdict in VERDICTS)])
-    return pipe_table(["", "claims", *VERDICTS], rows)
-
-
-def claims(study: Study) -> str:
-    """Every claim of the paper, its verdict, and the effect that decides it."""
-    rows = []
-    for claim in study.claims:
-        if claim["section"] != "ours":
-            finding = claim["smallest_finding"]
-            effect = (
-                _signed(float(finding["effect"]), float(finding["low"]), float(finding["high"]))
-                if finding
-                else NOTHING
-            )
-            rows.append([claim["text"], claim["verdict"], effect])
-    return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
 
 
 def answer(study: Study) -> str:
@@ -243,7 +203,7 @@ def differences(study: Study, metric: str) -> str:
             interval = difference(
                 study.values(metric, *cell, first), study.values(metric, *cell, second)
             )
-            row.append(_signed(interval.estimate, interval.low, interval.high, digits=3))
+            row.append(signed(interval.estimate, interval.low, interval.high, digits=3))
         rows.append(row)
     return pipe_table([METRICS[metric], *map(_name, CELLS)], rows)
 
@@ -326,7 +286,3 @@ def ablations(record: dict[str, Any]) -> str:
 def _name(cell: tuple[str, str]) -> str:
     environment, level = cell
     return f"{title(environment)}, {label(level)}"
-
-
-def _signed(estimate: float, low: float, high: float, digits: int = 4) -> str:
-    return f"{number(estimate, digits)} [{number(low, digits)}, {number(high, digits)}]"

@@ -8,13 +8,17 @@ import pandas as pd
 import pytest
 
 from paper_figs import outcome_tables, score_tables
-from paper_figs.pages import benchmark_tables, study_tables
+from paper_figs.pages import benchmark_tables, claim_tables, study_tables
 from paper_figs.pages.marks import rewritten
 from paper_figs.scores import read_scores
+from study.claims.judge import CLAIMS
 from study.claims.paper import BRIER
 from study.common.errors import BadInput
 from study.config.names import FULL, LABELS, MODELS
 from study.metrics.tables.table import select
+from study.multiverse.effects import curve
+from study.multiverse.folder import write
+from tests.helpers.multiverse import multiverse
 from tests.paper_figs.known_scores import SAMPLES
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -118,10 +122,33 @@ def test_verdicts_are_counted(tmp_path: Path) -> None:
     verdicts = [("V-A", "partly"), ("V-A", "reproduced"), ("V-B", "partly"), ("ours", "partly")]
     claims = [{"section": section, "verdict": verdict} for section, verdict in verdicts]
     (tmp_path / "paper" / "claims.json").write_text(json.dumps(claims))
-    counts = _cells(study_tables.tables(tmp_path)["verdicts"]())
+    counts = _cells(claim_tables.tables(tmp_path)["verdicts"]())
     rows = ["**the paper's claims**", "Pusher (section V-A)", "UAV (section V-B)"]
     assert [counts[row, "partly"] for row in rows] == ["2", "1", "1"]
     assert [counts[row, "reproduced"] for row in rows] == ["1", "1", "0"]
+
+
+def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
+    results = multiverse(random=24)
+    write(results, tmp_path / "multiverse")
+    first, fifth = CLAIMS[0], CLAIMS[4]  # the fifth has no scores
+    claims = [{"id": c.id, "section": c.section, "text": c.text} for c in (first, fifth)]
+    table = claim_tables.readings(claims, tmp_path / "multiverse")
+    assert fifth.text not in table
+    cells = _cells(table)
+    row = f"[{first.text}](../multiverse/figures/specification_{first.id}.png)"
+    found = curve(results.effects, first.id).set_index("universe")["verdict"]
+    share = (found == "not reproduced").mean()
+    assert 0 < share < 1
+    assert cells[row, "not reproduced"] == f"{share:.0%}"
+    assert cells[row, "study"] == found["study"]
+    assert cells[row, "as written"] == found["as_written"]
+    assert found["study"] != found["as_written"]
+    assert cells[row, "strongest choice"].startswith("forecast (")
+
+
+def test_without_a_multiverse_the_page_says_so(tmp_path: Path) -> None:
+    assert "has not been run" in claim_tables.readings([], tmp_path / "multiverse")
 
 
 def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:

@@ -1,0 +1,108 @@
+"""The tables of the verdicts: at the paper's size, and in every reading of the paper."""
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from paper_figs.formatting import NOTHING, signed
+from paper_figs.pages.marks import pipe_table
+from study.claims.claim import OURS
+from study.common.files import read_json
+from study.config.names import label
+from study.multiverse import folder
+from study.multiverse.effects import VERDICTS, curve, judged, shares
+from study.multiverse.folder import Multiverse
+from study.multiverse.report import influence_on
+
+SECTIONS = {"Pusher (section V-A)": "V-A", "UAV (section V-B)": "V-B", "checks of our own": OURS}
+
+Claims = list[dict[str, Any]]
+"""``claims.json`` of a study."""
+
+
+def tables(results: Path) -> dict[str, Callable[[], str]]:
+    """The functions that write the tables, by name.
+
+    Args:
+        results: the folder with the committed results, ``results/`` of the repository.
+    """
+
+    def claims_of_the_study() -> Claims:
+        claims: Claims = read_json(results / "paper" / "claims.json")
+        return claims
+
+    return {
+        "verdicts": lambda: verdicts(claims_of_the_study()),
+        "claims": lambda: claims(claims_of_the_study()),
+        "readings": lambda: readings(claims_of_the_study(), results / "multiverse"),
+    }
+
+
+def verdicts(claims: Claims) -> str:
+    """The number of claims of each section with each verdict."""
+    groups = {"**the paper's claims**": of_the_paper(claims)} | {
+        name: [claim for claim in claims if claim["section"] == section]
+        for name, section in SECTIONS.items()
+    }
+    rows = []
+    for name, group in groups.items():
+        counts = Counter(claim["verdict"] for claim in group)
+        rows.append([name, str(len(group)), *(str(counts[verdict.value]) for verdict in VERDICTS)])
+    return pipe_table(["", "claims", *(verdict.value for verdict in VERDICTS)], rows)
+
+
+def claims(claims: Claims) -> str:
+    """Every claim of the paper, its verdict, and the effect that decides it."""
+    rows = []
+    for claim in of_the_paper(claims):
+        finding = claim["smallest_finding"]
+        effect = (
+            signed(float(finding["effect"]), float(finding["low"]), float(finding["high"]))
+            if finding
+            else NOTHING
+        )
+        rows.append([claim["text"], claim["verdict"], effect])
+    return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
+
+
+def readings(claims: Claims, path: Path) -> str:
+    """Every claim of the paper in the universes of the multiverse.
+
+    The columns: the share of universes with each verdict, the verdict in each base reading, and the
+    choice that moves the effect most. The claim links to its specification curve.
+
+    Args:
+        claims: of the study.
+        path: the results folder of the multiverse. Without one, the table is a sentence.
+    """
+    if not (path / folder.FACTS).is_file():
+        return "The multiverse has not been run: `python -m study.run multiverse`."
+    results = folder.read(path)
+    bases = list(results.design.bases)
+    heads = ["claim", *(v.value for v in VERDICTS), *map(label, bases), "strongest choice"]
+    names = judged(results.effects)
+    rows = [
+        _reading(results, claim, bases) for claim in of_the_paper(claims) if claim["id"] in names
+    ]
+    return pipe_table(heads, rows, align="---")
+
+
+def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:
+    verdict = curve(results.effects, claim["id"]).set_index("universe")["verdict"]
+    regression = influence_on(results, claim["id"])
+    strongest = regression.strongest if regression else None
+    decides = NOTHING
+    if regression and strongest:
+        decides = f"{label(strongest)} ({regression.shares[strongest]:.0%})"
+    return [
+        f"[{claim['text']}](../multiverse/figures/specification_{claim['id']}.png)",
+        *(f"{share:.0%}" for share in shares(results.effects, claim["id"]).values()),
+        *(str(verdict.get(base, NOTHING)) for base in bases),
+        decides,
+    ]
+
+
+def of_the_paper(claims: Claims) -> Claims:
+    """The claims without the checks of this study."""
+    return [claim for claim in claims if claim["section"] != OURS]
