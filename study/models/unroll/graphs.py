@@ -6,6 +6,7 @@ in one launch. It is bound to the shapes of its arguments, so there is one for e
 """
 
 import logging
+import os
 import weakref
 from collections import Counter
 from collections.abc import Callable, Hashable
@@ -16,6 +17,8 @@ from torch import Tensor
 
 MOST_GRAPHS = 8
 """Largest number of graphs of one owner, since each keeps its arrays in the memory of the GPU."""
+SWITCH = "STUDY_GRAPHS"
+"""Environment variable. The value 0 turns graphs off."""
 
 Results = tuple[Tensor, ...]
 Capture = Callable[[Callable[..., Results], Results], Callable[..., Results]]
@@ -25,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 def are_used(device: torch.device) -> bool:
     """Whether functions on this device are captured."""
-    return device.type == "cuda"
+    return device.type == "cuda" and os.environ.get(SWITCH) != "0"
 
 
 def cuda_capture(function: Callable[..., Results], arguments: Results) -> Callable[..., Results]:
@@ -74,7 +77,8 @@ class Graphs:
         present = tuple(value for value in arguments if value is not None)
         grad = torch.is_grad_enabled()
         shapes = tuple(None if value is None else _shape(value, grad) for value in arguments)
-        key = (shapes, constants, grad)
+        # Outside inference mode, nothing may write into the arrays of a graph of that mode.
+        key = (shapes, constants, grad, torch.is_inference_mode_enabled())
         self.uses[key] += 1
         if key not in self.graphs and self.uses[key] > 1 and len(self.graphs) < MOST_GRAPHS:
             self.graphs[key] = self._captured(function, arguments, grad)
@@ -103,7 +107,9 @@ class Graphs:
         try:
             return self.capture(of_tensors, static)
         except RuntimeError as error:
-            _log.warning("no CUDA graph, sequences run step by step: %s", error)
+            _log.warning(
+                "no CUDA graph, sequences run step by step: %s; %s=0 turns graphs off", error, SWITCH
+            )
             return None
 
 
