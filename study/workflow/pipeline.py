@@ -116,6 +116,7 @@ class Pipeline:
 
     def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
         """The settings of `evaluate`, which need no log of a recorded system."""
+        has_network = cell.model == "ensemble" or not cell.is_reference
         return EvaluateSettings(
             cell.environment,
             cell.model,
@@ -123,7 +124,7 @@ class Pipeline:
             self.config.evaluate,
             self._recorded(cell.environment),
             self._training_set(cell) if cell.model in FROM_DATA else None,
-            self.config.train.accelerator,
+            self.config.train.accelerator if has_network else "auto",
         )
 
     def record_data(self, environment: str) -> Task:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import torch
 
+from study.common.errors import StudyError
 from study.models.base import Model
 from study.training import hardware
 from study.training.data_module import InMemory
@@ -32,8 +33,16 @@ def test_the_gpu_of_a_setting(
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: has_cuda)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: True)
     found = gpu(accelerator)
     assert (found and found.type) == expected
+
+
+def test_a_gpu_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    with pytest.raises(StudyError, match="got 'gpu', and torch finds none here; give auto or cpu"):
+        gpu("gpu")
 
 
 @pytest.fixture
@@ -58,6 +67,25 @@ def test_auto_takes_the_faster_device(
     with caplog.at_level(logging.INFO):
         assert faster_device("auto", model("full_vae"), lambda _: None) == expected
     assert f"accelerator auto: {expected} (cpu 200.0 ms, meta {1e3 * of_gpu:.1f} ms)" in caplog.text
+
+
+@pytest.mark.parametrize("fails", [(META,), (CPU, META)])
+def test_auto_leaves_out_a_device_that_fails(
+    fails: tuple[torch.device, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """If both fail, the fit on the CPU shows the error."""
+    monkeypatch.setattr(hardware, "gpu", lambda accelerator: META)
+    monkeypatch.setattr(hardware, "TRIAL_SECONDS", 0.0)
+
+    def run(trained: Model) -> None:
+        if trained.device in fails:
+            raise torch.OutOfMemoryError("CUDA out of memory")
+
+    assert faster_device("auto", model("full_vae"), run) == CPU
+    assert "accelerator auto: not on meta: " in caplog.text
+    assert "CUDA out of memory" in caplog.text
 
 
 def test_a_choice_is_not_measured(with_a_gpu: Callable[[dict[str, float]], None]) -> None:
