@@ -107,9 +107,8 @@ class Graphs:
         try:
             return self.capture(of_tensors, static)
         except RuntimeError as error:
-            _log.warning(
-                "no CUDA graph, sequences run step by step: %s; %s=0 turns graphs off", error, SWITCH
-            )
+            reason = f"{error}; {SWITCH}=0 turns graphs off"
+            _log.warning("no CUDA graph, sequences run step by step: %s", reason)
             return None
 
 
