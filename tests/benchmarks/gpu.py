@@ -41,6 +41,7 @@ MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp", "full_crp
 BATCHES, WIDTHS = (12, 512), (128, 256)
 SAMPLES = 1000
 LAST = 10**6
+"""A step after the last one."""
 STEPS = {
     "ensemble": {"true states": 0, "rollouts": LAST},
     "full_crps": {"transitions": 0, "rollouts": LAST},
