@@ -1,8 +1,8 @@
 """Fit any network of the study: a Lightning Trainer with early stopping and a CSV log."""
 
 import shutil
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,9 +74,10 @@ class Bfloat16(MixedPrecision):
         """Clip as without mixed precision."""
         Precision.clip_gradients(self, *arguments, **named)
 
-    def val_step_context(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def val_step_context(self) -> Generator[None, None, None]:
         """Validate in float32, as forecasts are made."""
-        return Precision().val_step_context()
+        yield
 
 
 class ReportProgress(Callback):

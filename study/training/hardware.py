@@ -83,7 +83,7 @@ def fit_device(
 
 def forecast_on_faster_device(
     accelerator: str, forecaster: Forecaster, test: ScenarioSet, seeds: Seeds
-) -> None:
+) -> torch.device | None:
     """Move a model to the device on which it forecasts faster.
 
     Args:
@@ -91,9 +91,12 @@ def forecast_on_faster_device(
         forecaster: anything but a model stays on the CPU.
         test: scenarios, of which some are forecast.
         seeds: of the scenarios, [S].
+
+    Returns:
+        the device for `study.metrics.device.scores_on`: a GPU that has float64; None without.
     """
     if not isinstance(forecaster, Model):
-        return
+        return None
     few = slice(0, 5)
 
     def run(model: Model) -> None:
@@ -101,6 +104,7 @@ def forecast_on_faster_device(
 
     forecaster.to(faster_device(accelerator, forecaster, run))
     report_use(forecaster.device)
+    return forecaster.device if forecaster.device.type == "cuda" else None
 
 
 def faster_device(accelerator: str, model: Model, run: Run) -> torch.device:

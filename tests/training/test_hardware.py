@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import torch
@@ -12,7 +13,14 @@ from study.common.errors import StudyError
 from study.models.base import Model
 from study.training import hardware
 from study.training.data_module import InMemory
-from study.training.hardware import CPU, faster_device, fit_precision, gpu, width
+from study.training.hardware import (
+    CPU,
+    faster_device,
+    fit_precision,
+    forecast_on_faster_device,
+    gpu,
+    width,
+)
 from tests.helpers.models import model
 
 META = torch.device("meta")
@@ -91,6 +99,20 @@ def test_auto_leaves_out_a_device_that_fails(
 def test_a_choice_is_not_measured(with_a_gpu: Callable[[dict[str, float]], None]) -> None:
     with_a_gpu({})
     assert faster_device("gpu", model("full_vae"), lambda _: None) == META
+
+
+def test_scores_are_computed_where_forecasts_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device without float64 computes none, and only a model is moved."""
+    scenarios: Any = None
+    seeds: Any = None
+    network = Mock(spec=Model)
+    for kind, expected in (("cuda", "cuda"), ("cpu", None), ("mps", None)):
+        network.device = torch.device(kind)
+        monkeypatch.setattr(hardware, "faster_device", lambda *_, device=network.device: device)
+        found = forecast_on_faster_device("auto", network, scenarios, seeds)
+        network.to.assert_called_with(network.device)
+        assert (found and found.type) == expected
+    assert forecast_on_faster_device("gpu", Mock(), scenarios, seeds) is None
 
 
 def test_without_a_gpu_nothing_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Untrained rollouts of a nonlinear network: finite within the range of the training states alone."""
+"""Untrained rollouts are finite within the range of the training states, and not beyond it."""
 
 from typing import Any
 
