@@ -1,8 +1,9 @@
 """CUDA graphs: thousands of small operations on a GPU, launched at once.
 
-A loop over the steps of a horizon starts some thirty operations a step. On a GPU each takes less
-time than its launch. A CUDA graph records the operations, forwards and backwards, and replays them
-in one launch. It is bound to the shapes of its arguments, so there is one for each shape.
+A loop over the steps of a horizon starts some thirty operations a step, and so does a network of
+single transitions. On a GPU each takes less time than its launch. A CUDA graph records the
+operations, forwards and backwards, and replays them in one launch. It is bound to the shapes of its
+arguments, so there is one for each shape.
 """
 
 import logging
@@ -10,10 +11,12 @@ import os
 import weakref
 from collections import Counter
 from collections.abc import Callable, Hashable
+from itertools import chain
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.func import functional_call
 
 MOST_GRAPHS = 8
 """Largest number of graphs of one owner, since each keeps its arrays in the memory of the GPU."""
@@ -138,7 +141,12 @@ def _shape(value: Tensor, grad: bool) -> Hashable:
 
 
 def _static(value: Tensor, grad: bool) -> Tensor:
-    return value.detach().clone().requires_grad_(grad and value.requires_grad)
+    """The argument of a graph: a copy, but a parameter itself, since an optimiser leaves it there.
+
+    If a module has moved its parameter, the next call copies it to the old place.
+    """
+    static = value.detach() if isinstance(value, nn.Parameter) else value.detach().clone()
+    return static.requires_grad_(grad and value.requires_grad)
 
 
 _graphs: weakref.WeakKeyDictionary[Any, Graphs] = weakref.WeakKeyDictionary()
@@ -147,3 +155,26 @@ _graphs: weakref.WeakKeyDictionary[Any, Graphs] = weakref.WeakKeyDictionary()
 def of(owner: Any) -> Graphs:
     """The graphs of a network, which are removed with it."""
     return _graphs.setdefault(owner, Graphs())
+
+
+def call(module: nn.Module, *arguments: Tensor) -> Results:
+    """`module(*arguments)`, in training on a GPU as a CUDA graph of the module.
+
+    Args:
+        module: returns a tuple of tensors. It changes no buffer, and samples nothing.
+        arguments: tensors.
+    """
+    device = arguments[0].device
+    is_training = torch.is_grad_enabled() and not torch.is_autocast_enabled(device.type)
+    if not (is_training and are_used(device)):
+        results: Results = module(*arguments)
+        return results
+    state = dict(chain(module.named_parameters(), module.named_buffers()))
+    count = len(arguments)
+
+    def function(*tensors: Tensor) -> Results:
+        values = dict(zip(state, tensors[count:], strict=True))
+        results: Results = functional_call(module, values, tensors[:count])
+        return results
+
+    return of(module)(function, (*arguments, *state.values()), ("call",))
