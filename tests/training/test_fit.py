@@ -48,8 +48,8 @@ def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
     network: Any = model("probabilistic_mlp")
     before = [value.clone() for value in network.parameters()]
     dtypes: list[torch.dtype] = []
-    network.network.stem.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
-    network.network.skip.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
+    network.network.stem.register_forward_hook(lambda *call: dtypes.append(call[2].dtype))
+    network.network.skip.register_forward_hook(lambda *call: dtypes.append(call[2].dtype))
     score = LogForecastScore(lambda *_: 1.0)  # type: ignore[arg-type]
     options = FitOptions(0, 3, 3, None, accelerator="cpu", precision=precision)
     forget_uses()

@@ -165,8 +165,8 @@ def call(module: nn.Module, *arguments: Tensor) -> Results:
         arguments: tensors.
     """
     device = arguments[0].device
-    is_training = torch.is_grad_enabled() and not torch.is_autocast_enabled(device.type)
-    if not (is_training and are_used(device)):
+    is_captured = are_used(device) and torch.is_grad_enabled()
+    if not is_captured or torch.is_autocast_enabled(device.type):
         results: Results = module(*arguments)
         return results
     state = dict(chain(module.named_parameters(), module.named_buffers()))
