@@ -16,7 +16,7 @@ from study.models.base import Model
 from study.models.probabilistic_mlp import ProbabilisticMlp
 from study.models.runtime import forget_uses, uses
 from study.training import data_module, hardware
-from study.training.augmentation import Augmentation
+from study.training.augmentation import Augmentation, AugmentedTrajectories
 from study.training.data_module import TrajectoryDataModule
 from study.training.hardware import fit_device, forecast_on_faster_device
 from tests.helpers.models import OURS, model, normalization, settings, trajectories
@@ -77,7 +77,7 @@ def test_a_model_with_a_step_of_its_own(caplog: pytest.LogCaptureFixture) -> Non
     calls: list[Tensor] = []
 
     class Own(ProbabilisticMlp):
-        losses = Model.losses  # type: ignore[assignment]
+        losses = Model.losses
 
         def training_step(self, batch: dict[str, Tensor]) -> Tensor:
             calls.append(batch["states"])
@@ -111,7 +111,7 @@ def test_the_first_batch_has_no_effect_on_those_that_follow(augmented: bool) -> 
         data = TrajectoryDataModule(normalization(), trajectories(), scenarios(), 4, 0)
         if augmented:
             units: Normalization = normalization()
-            data.training = data_module.AugmentedTrajectories(
+            data.training = AugmentedTrajectories(
                 Augmentation(group, 0), units, trajectories(), None
             )
         first = data.first_batch() if is_measured else None

@@ -87,7 +87,7 @@ def test_a_shape_is_captured_at_its_second_use(fake: FakeCapture) -> None:
 
 
 def test_inference_mode_has_graphs_of_its_own(fake: FakeCapture) -> None:
-    """Lightning validates in that mode. Its tensors cannot be written to outside of it."""
+    """A forecast may be called in that mode. Its tensors cannot be written to outside of it."""
     captured = Graphs(fake)
     for _ in range(3):
         for mode in (torch.inference_mode, torch.no_grad):
