@@ -51,10 +51,13 @@ def uses() -> str:
 
 
 def _device() -> str:
-    """The processor, and the GPU if the current task has used one."""
+    """The processor; and if the current task has used them, the GPU and bfloat16."""
+    parts = [_processor()]
     if "cuda" in _uses:
-        return f"{_processor()}, {torch.cuda.get_device_name()}"
-    return _processor()
+        parts.append(torch.cuda.get_device_name())
+    if "bf16" in _uses.values():
+        parts.append("bfloat16")
+    return ", ".join(parts)
 
 
 @cache
