@@ -131,12 +131,12 @@ class DaskWorkers(Workers):
 def accelerator(task: Task) -> str | None:
     """The accelerator that the task asks for; None for a task that runs on any worker.
 
-    An evaluation with `auto` runs on any worker, so that it does not wait for a GPU.
+    Forecasts with `auto` are made on any worker, so that they do not wait for a GPU.
     """
     own = str(task.settings.get("accelerator", "auto"))
     if task.stage == "ensemble":
         return own
-    if task.stage == "evaluate":
+    if task.stage in ("evaluate", "validate"):
         has_network = "trained" in task.inputs or "ensemble" in task.inputs
         return own if own == "gpu" and has_network else None
     if task.stage not in ("tune", "train"):

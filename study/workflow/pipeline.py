@@ -93,6 +93,7 @@ class Pipeline:
             derive(cell.environment, cell.seed, "validation forecasts"),
             self.config.evaluate.samples,
             self._recorded(cell.environment),
+            self.config.train.accelerator,
         )
         inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
         classes = [self._system(cell.environment), models[cell.model]]

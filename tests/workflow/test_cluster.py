@@ -192,8 +192,9 @@ def test_fits_ask_for_their_accelerator(wanted: str) -> None:
     assert accelerator(Task("tune", "a", {"fit": fit})) == wanted
     ensemble = Task("ensemble", "a", {"accelerator": wanted})
     assert accelerator(ensemble) == wanted
-    forecast = Task("evaluate", "a", {"accelerator": wanted}, {"trained": ensemble})
-    assert accelerator(forecast) == ("gpu" if wanted == "gpu" else None)
+    for stage in ("evaluate", "validate"):
+        forecast = Task(stage, "a", {"accelerator": wanted}, {"trained": ensemble})
+        assert accelerator(forecast) == ("gpu" if wanted == "gpu" else None)
 
 
 def test_what_has_no_setting_asks_for_no_accelerator() -> None:
