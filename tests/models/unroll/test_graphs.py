@@ -27,6 +27,8 @@ class FakeCapture:
         self.captures += 1
         outputs = function(*arguments)
         static = [output.detach().clone() for output in outputs]
+        wanted = [value for value in arguments if value.requires_grad]
+        static_gradients = [torch.zeros_like(value) for value in wanted]
         fake = self
 
         class Graphed(torch.autograd.Function):
@@ -34,7 +36,8 @@ class FakeCapture:
             def forward(ctx: object, *inputs: Tensor) -> Results:
                 fake.replays += 1
                 for argument, value in zip(arguments, inputs, strict=True):
-                    argument.copy_(value)
+                    if argument.data_ptr() != value.data_ptr():
+                        argument.copy_(value)
                 with torch.no_grad():
                     for array, value in zip(static, function(*arguments), strict=True):
                         array.copy_(value)
@@ -45,9 +48,15 @@ class FakeCapture:
                 # The arguments are those of the last replay.
                 with torch.enable_grad():
                     results = function(*arguments)
-                wanted = [value for value in arguments if value.requires_grad]
-                found = iter(torch.autograd.grad(results, wanted, gradients, allow_unused=True))
-                return tuple(next(found) if v.requires_grad else None for v in arguments)
+                found = torch.autograd.grad(results, wanted, gradients, allow_unused=True)
+                returned: list[Tensor | None] = []
+                for array, value in zip(static_gradients, found, strict=True):
+                    if value is not None:
+                        array.copy_(value)
+                    # A parameter's gradient may be this array until the next replay.
+                    returned.append(None if value is None else array.detach())
+                rest = iter(returned)
+                return tuple(next(rest) if v.requires_grad else None for v in arguments)
 
         return Graphed.apply
 
