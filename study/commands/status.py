@@ -124,8 +124,8 @@ def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
         total += seconds or 0.0
         state = "done" if seconds is not None else _state(task, store, is_running)
         where = _where(holders[task])[: len(shown)]
-        took = "" if seconds is None else f"{seconds:.1f}"
-        table.add_row(task.stage, task.label, state, *where, took, str(cost.get("device", "")))
+        duration = "" if seconds is None else f"{seconds:.1f}"
+        table.add_row(task.stage, task.label, state, *where, duration, str(cost.get("device", "")))
     table.add_section()
     table.add_row("all", "", "", *("" for _ in shown), f"{total:.1f}")
     return table

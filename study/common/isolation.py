@@ -36,8 +36,8 @@ Python           ``PYTHONWARNINGS``, ``-W``                          as without
 ===============  ==================================================  ===========================
 
 Kept are variables that say where something is or which hardware is used (``HOME``, ``TMPDIR``,
-``XDG_*``, ``MPLCONFIGDIR``, ``CUDA_VISIBLE_DEVICES``, ``CC``), and ``STUDY_COMPILED``, the study's
-own (`study.models.unroll.compiler`).
+``XDG_*``, ``MPLCONFIGDIR``, ``CUDA_VISIBLE_DEVICES``, ``CC``), and the study's own,
+``STUDY_COMPILED`` (`study.models.unroll.compiler`) and ``STUDY_GRAPHS`` (`graphs`, beside it).
 """
 
 import io

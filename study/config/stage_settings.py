@@ -159,12 +159,13 @@ class TuneSettings:
 
 @dataclass(frozen=True)
 class ValidateSettings:
-    """Stage validate: scores on the validation scenarios."""
+    """Stage validate: scores on the validation scenarios. `accelerator`: see `Train`."""
 
     environment: str
     seed: int
     samples: int
     recorded: Recorded | None = None
+    accelerator: str = setting("auto", later=True)
 
 
 @dataclass(frozen=True)

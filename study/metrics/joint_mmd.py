@@ -17,9 +17,11 @@ place scores worse. No sample is dropped.
 """
 
 import numpy as np
+import torch
 from scipy.spatial.distance import cdist
 
 from study.common.arrays import Array, Doubles
+from study.metrics.device import at_once, score_device
 from study.metrics.kernel_sums import Gaps
 from study.metrics.mmd import (
     INFINITY,
@@ -61,7 +63,7 @@ def joint_mmd(
     scenarios, rollouts, steps, dimensions = observed.shape
     joint = np.sqrt(dimensions) * np.asarray(bandwidth)
     means = np.empty((3, scenarios, steps))
-    size = max(1, AT_ONCE // max(forecast.shape[1], rollouts) ** 2)
+    size = max(1, at_once(AT_ONCE) // max(forecast.shape[1], rollouts) ** 2)
     for scenario, pair in enumerate(zip(forecast, observed, strict=True)):
         x, y = normalize(*pair, scale, joint)
         not_finite = (x == INFINITY).any(-1)
@@ -80,10 +82,20 @@ def joint_mmd(
 def _mean_gap(x: Doubles, y: Doubles) -> Doubles:
     """Mean of 1 - exp(-|x - y|²) over all pairs of x [T, K, D] and y [T, L, D]: [T]."""
     near = max(np.abs(x).max(), np.abs(y).max()) < FAR
+    device = score_device()
+    if near and device is not None:
+        return _mean_gap_on(device, x, y)
     exponent = (_by_product if near else _by_difference)(x, y).astype(np.float32)
     # exp(-80) does not change a mean. Denormal numbers would take ten times as long.
     kernel = np.exp(np.maximum(exponent, -80, out=exponent), out=exponent)
     return np.asarray(1 - kernel.mean((1, 2), dtype=np.float64))
+
+
+def _mean_gap_on(device: torch.device, x: Doubles, y: Doubles) -> Doubles:
+    """See `_mean_gap`: on a GPU, in float64."""
+    first, second = (torch.from_numpy(states).to(device) for states in (x, y))
+    kernel = torch.cdist(first, second).square().neg().exp()
+    return np.asarray(1 - kernel.mean((1, 2)).cpu().numpy())
 
 
 def _by_product(x: Doubles, y: Doubles) -> Doubles:

@@ -25,10 +25,11 @@ import numpy as np
 import torch
 
 from study.common.arrays import Array, Doubles
+from study.metrics.device import at_once, score_device
 from study.metrics.mmd import nonzero_scale
 
 STEPS_AT_ONCE = 20
-"""Steps whose distances are computed together: so many fit into the processor's cache."""
+"""Steps whose distances are computed together on a CPU: so many fit into its cache."""
 
 
 def crps(forecast: Array, observed: Array, scale: Array) -> Doubles:
@@ -66,15 +67,18 @@ def energy_score(forecast: Array, observed: Array, scale: Array) -> Doubles:
     _check(forecast, observed)
     scenarios, samples, steps, _ = forecast.shape
     rollouts = observed.shape[1]
+    pairs = samples * (samples + rollouts)
+    size = max(1, at_once(STEPS_AT_ONCE * pairs) // pairs)
     score = np.empty((scenarios, steps))
     for scenario in range(scenarios):
         x, y = _normalize(forecast[scenario], observed[scenario], scale)
         by_step = torch.from_numpy(np.concatenate([x, y]).swapaxes(0, 1).copy())  # [T, K+L, D]
-        for start in range(0, steps, STEPS_AT_ONCE):
-            part = slice(start, start + STEPS_AT_ONCE)
+        by_step = by_step.to(score_device() or "cpu")
+        for start in range(0, steps, size):
+            part = slice(start, start + size)
             distance = torch.cdist(by_step[part, :samples], by_step[part])
-            among = distance[:, :, :samples].sum((1, 2)).numpy() / (samples * (samples - 1))
-            across = distance[:, :, samples:].sum((1, 2)).numpy() / (samples * rollouts)
+            among = distance[:, :, :samples].sum((1, 2)).cpu().numpy() / (samples * (samples - 1))
+            across = distance[:, :, samples:].sum((1, 2)).cpu().numpy() / (samples * rollouts)
             with np.errstate(invalid="ignore"):
                 score[scenario, part] = across - among / 2
     return _worst_if_not_finite(score)

@@ -12,16 +12,17 @@ import torch
 from study.common.provenance import versions
 from study.models.unroll import compiler
 
+PLAIN = "none: networks are unrolled in plain torch"
+
 _uses: dict[str, str] = {}
 """The devices that the current task has used, and their precision in training."""
-
-PLAIN = "none: networks are unrolled in plain torch"
 
 
 def runtime() -> Mapping[str, Any]:
     """The versions of Python and of packages, the device, the C compiler, and torch's threads.
 
-    The result is JSON. It is the same for all tasks of a run, and is written into their manifests.
+    The result is JSON, and is written into the manifest of the task. The tasks of a run may differ
+    by the GPU.
     """
     return {
         "versions": versions(),
@@ -50,10 +51,13 @@ def uses() -> str:
 
 
 def _device() -> str:
-    """The processor, and the GPU if the current task has used one."""
+    """The processor; and if the current task has used them, the GPU and bfloat16."""
+    parts = [_processor()]
     if "cuda" in _uses:
-        return f"{_processor()}, {torch.cuda.get_device_name()}"
-    return _processor()
+        parts.append(torch.cuda.get_device_name())
+    if "bf16" in _uses.values():
+        parts.append("bfloat16")
+    return ", ".join(parts)
 
 
 @cache

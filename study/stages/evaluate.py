@@ -22,6 +22,7 @@ from study.data.kernel import Kernel
 from study.data.storage import save_arrays
 from study.data.trajectories import ScenarioSet
 from study.envs.observe import system_of
+from study.metrics.device import scores_on
 from study.metrics.tables.scores import Outcomes, score
 from study.metrics.tables.trajectory_scores import log_score_rows
 from study.models.forecasting import (
@@ -56,27 +57,28 @@ def run(
         forecaster = load_forecaster(settings.model, simulator, inputs)
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(test))
-    forecast_on_faster_device(settings.accelerator, forecaster, test, seeds)
+    device = forecast_on_faster_device(settings.accelerator, forecaster, test, seeds)
     progress(0.01, "forecasting")
     part = progress.part(0.01, 0.5)
     forecasts = forecast_in_parts(forecaster, test, evaluate.samples, seeds, part)
     goal = test.goal[:, None]
-    scores = score(
-        forecasts,
-        test.observed,
-        Outcomes(
-            simulator.outcomes(forecasts, goal),
-            simulator.outcomes(test.observed, goal),
-            simulator.reached(forecasts, goal),
-            simulator.reached(test.observed, goal),
-        ),
-        kernel.scale,
-        kernel.bandwidth * evaluate.bandwidth,
-        kernel.names,
-        members_of_samples(forecaster, seeds, evaluate.samples),
-        reference_shifts=isinstance(forecaster, Oracle),
-        progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
-    )
+    with scores_on(device):
+        scores = score(
+            forecasts,
+            test.observed,
+            Outcomes(
+                simulator.outcomes(forecasts, goal),
+                simulator.outcomes(test.observed, goal),
+                simulator.reached(forecasts, goal),
+                simulator.reached(test.observed, goal),
+            ),
+            kernel.scale,
+            kernel.bandwidth * evaluate.bandwidth,
+            kernel.names,
+            members_of_samples(forecaster, seeds, evaluate.samples),
+            reference_shifts=isinstance(forecaster, Oracle),
+            progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
+        )
     if settings.recorded is not None:
         log = log_scores(forecaster, test)
         scores = scores if log is None else pd.concat([scores, log_score_rows(log)])

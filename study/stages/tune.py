@@ -29,12 +29,15 @@ from study.config.settings import Tune
 from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
 from study.training.fit import FitOptions, fit
-from study.training.inputs import prepare
+from study.training.hardware import fit_device, gpu
+from study.training.inputs import FitInputs, prepare
 from study.training.search_storage import database, explained, journal
 from study.training.validation import LogForecastScore
 
 RESUMABLE = True
 """A new run of this stage may use the files of a stopped one, see `study.workflow.worker`."""
+ACCELERATOR = "accelerator"
+"""The search's attribute with the choice of `auto`."""
 ENDED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 
@@ -75,7 +78,7 @@ def _run_trials(
         beta = trial.suggest_float("beta", tune.beta_low, tune.beta_high, log=True)
         part = progress.part(index / tune.trials, (index + 1) / tune.trials)
         report = ReportToOptuna(trial)
-        score = _short_fit(beta, settings, inputs, out, part, report)
+        score = _short_fit(beta, settings, inputs, out, part, report, search)
         if report.pruned:
             search.tell(trial, state=TrialState.PRUNED)
         elif np.isfinite(score):
@@ -149,6 +152,7 @@ def _short_fit(
     out: Path,
     progress: Progress,
     report: ReportToOptuna,
+    search: optuna.Study,
 ) -> float:
     """The validation score after a short fit. All trials start from the same weights."""
     tune, seed = settings.tune, settings.fit.seed
@@ -158,7 +162,7 @@ def _short_fit(
         tune.steps,
         tune.steps // tune.evaluations,
         patience=None,
-        accelerator=start.train.accelerator,
+        accelerator=_settled_accelerator(search, start, tune.steps),
         precision=start.train.precision,
     )
     curves = out / "trial"
@@ -178,6 +182,24 @@ def _short_fit(
     del start
     gc.collect()
     return score
+
+
+def _settled_accelerator(search: optuna.Study, start: FitInputs, steps: int) -> str:
+    """The accelerator of all trials: `auto` is measured once, and a resumed search goes on with it.
+
+    Args:
+        search: stores the choice, if there is one.
+        start: of a fit.
+        steps: of the fit.
+    """
+    accelerator = start.train.accelerator
+    if accelerator != "auto" or gpu(accelerator) is None:
+        return accelerator
+    if ACCELERATOR not in search.user_attrs:
+        start.model.on_training_data(start.data.training_states())
+        device = fit_device(accelerator, start.model, start.data, steps)
+        search.set_user_attr(ACCELERATOR, "cpu" if device.type == "cpu" else "gpu")
+    return str(search.user_attrs[ACCELERATOR])
 
 
 def _trial_settings(settings: TuneSettings) -> TrainSettings:

@@ -19,6 +19,7 @@ from study.metrics.brier import brier_fair, brier_oracle, climatology, skill
 from study.metrics.variance import median_ratio, variance_ratio
 from study.models.checkpoints import load_model
 from study.models.forecasting import forecast_in_parts
+from study.training.hardware import forecast_on_faster_device
 from study.training.validation import validation_mmd2
 
 
@@ -32,6 +33,7 @@ def run(
     model = load_model(inputs["trained"] / "model.safetensors")
     kernel = Kernel.load(inputs["data"])
     seeds = spawn(settings.seed, len(validation))
+    forecast_on_faster_device(settings.accelerator, model, validation, seeds)
     forecasts = forecast_in_parts(model, validation, settings.samples, seeds, progress)
     once = observed.shape[1] == 1
     success = simulator.outcome(observed, validation.goal[:, None])

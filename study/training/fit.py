@@ -1,7 +1,8 @@
 """Fit any network of the study: a Lightning Trainer with early stopping and a CSV log."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,10 +61,10 @@ class FitOptions:
 
 
 class Bfloat16(MixedPrecision):
-    """Lightning's ``bf16-mixed``, which also clips gradients of a fused optimiser.
+    """Lightning's ``bf16-mixed`` in training steps alone, with clipping and a fused optimiser.
 
-    Lightning forbids it, since a fused optimiser also divides gradients by the scale of float16.
-    There is no such scale for bfloat16.
+    Lightning forbids these two together, since a fused optimiser also divides gradients by the
+    scale of float16. There is no such scale for bfloat16.
     """
 
     def __init__(self, device: torch.device) -> None:
@@ -72,6 +73,11 @@ class Bfloat16(MixedPrecision):
     def clip_gradients(self, *arguments: Any, **named: Any) -> None:
         """Clip as without mixed precision."""
         Precision.clip_gradients(self, *arguments, **named)
+
+    @contextmanager
+    def val_step_context(self) -> Generator[None, None, None]:
+        """Validate in float32, as forecasts are made."""
+        yield
 
 
 class ReportProgress(Callback):

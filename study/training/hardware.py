@@ -15,6 +15,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from study.common.errors import StudyError
 from study.common.seeds import Seeds
 from study.data.trajectories import ScenarioSet
 from study.models.base import Forecaster, Model
@@ -41,12 +42,19 @@ def gpu(accelerator: str) -> torch.device | None:
 
     Args:
         accelerator: see `Train`. `auto` does not use Apple's GPUs, for which there are no graphs.
+
+    Raises:
+        StudyError: the accelerator is `gpu`, and there is none.
     """
     if accelerator == "cpu":
         return None
     if torch.cuda.is_available():
         return torch.device("cuda", torch.cuda.current_device())
-    return torch.device("mps") if accelerator == "gpu" else None
+    if accelerator != "gpu":
+        return None
+    if torch.backends.mps.is_available():
+        return torch.device("mps")
+    raise StudyError("train.accelerator: got 'gpu', and torch finds none here; give auto or cpu")
 
 
 def fit_device(
@@ -75,7 +83,7 @@ def fit_device(
 
 def forecast_on_faster_device(
     accelerator: str, forecaster: Forecaster, test: ScenarioSet, seeds: Seeds
-) -> None:
+) -> torch.device | None:
     """Move a model to the device on which it forecasts faster.
 
     Args:
@@ -83,9 +91,12 @@ def forecast_on_faster_device(
         forecaster: anything but a model stays on the CPU.
         test: scenarios, of which some are forecast.
         seeds: of the scenarios, [S].
+
+    Returns:
+        the device for `study.metrics.device.scores_on`: a GPU that has float64; None without.
     """
     if not isinstance(forecaster, Model):
-        return
+        return None
     few = slice(0, 5)
 
     def run(model: Model) -> None:
@@ -93,10 +104,13 @@ def forecast_on_faster_device(
 
     forecaster.to(faster_device(accelerator, forecaster, run))
     report_use(forecaster.device)
+    return forecaster.device if forecaster.device.type == "cuda" else None
 
 
 def faster_device(accelerator: str, model: Model, run: Run) -> torch.device:
     """The device on which `run` takes less time. A choice by `accelerator` is not measured.
+
+    A device on which `run` fails is not chosen, for example a GPU without free memory.
 
     Args:
         accelerator: see `Train`.
@@ -106,11 +120,20 @@ def faster_device(accelerator: str, model: Model, run: Run) -> torch.device:
     device = gpu(accelerator)
     if device is None or accelerator == "gpu":
         return device or CPU
-    seconds = {candidate: _seconds(model, candidate, run) for candidate in (CPU, device)}
+    seconds = {candidate: _seconds_or_inf(model, candidate, run) for candidate in (CPU, device)}
     chosen = min(seconds, key=lambda candidate: seconds[candidate])
-    times = ", ".join(f"{place} {1e3 * value:.1f} ms" for place, value in seconds.items())
+    times = ", ".join(f"{candidate} {1e3 * value:.1f} ms" for candidate, value in seconds.items())
     _log.info("accelerator auto: %s (%s)", chosen, times)
     return chosen
+
+
+def _seconds_or_inf(model: Model, device: torch.device, run: Run) -> float:
+    """See `_seconds`; infinite if `run` fails, which is logged."""
+    try:
+        return _seconds(model, device, run)
+    except Exception as error:
+        _log.warning("accelerator auto: not on %s: %s: %s", device, type(error).__name__, error)
+        return math.inf
 
 
 def _seconds(model: Model, device: torch.device, run: Run) -> float:

@@ -90,7 +90,7 @@ class DaskWorkers(Workers):
         return {"": count, GPU: with_gpu} if with_gpu else {"": count}
 
     def resource(self, task: Task) -> str:
-        """`GPU` for a task that fits a network, unless its accelerator is the CPU.
+        """`GPU` for a task that uses one, see `accelerator`.
 
         With the accelerator `auto` it runs without a GPU if no worker offered one at the start.
         """
@@ -129,9 +129,16 @@ class DaskWorkers(Workers):
 
 
 def accelerator(task: Task) -> str | None:
-    """The accelerator that the task's fits ask for; None for a task without a fit."""
+    """The accelerator that the task asks for; None for a task that runs on any worker.
+
+    Forecasts with `auto` are made on any worker, so that they do not wait for a GPU.
+    """
+    own = str(task.settings.get("accelerator", "auto"))
     if task.stage == "ensemble":
-        return "auto"
+        return own
+    if task.stage in ("evaluate", "validate"):
+        has_network = "trained" in task.inputs or "ensemble" in task.inputs
+        return own if own == "gpu" and has_network else None
     if task.stage not in ("tune", "train"):
         return None
     fit: Mapping[str, Any] = task.settings.get("fit", task.settings)

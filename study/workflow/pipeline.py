@@ -93,6 +93,7 @@ class Pipeline:
             derive(cell.environment, cell.seed, "validation forecasts"),
             self.config.evaluate.samples,
             self._recorded(cell.environment),
+            self.config.train.accelerator,
         )
         inputs = {"data": self.collect(cell.environment), "trained": self.train(cell)}
         classes = [self._system(cell.environment), models[cell.model]]
@@ -116,6 +117,7 @@ class Pipeline:
 
     def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
         """The settings of `evaluate`, which need no log of a recorded system."""
+        has_network = cell.model == "ensemble" or not cell.is_reference
         return EvaluateSettings(
             cell.environment,
             cell.model,
@@ -123,7 +125,7 @@ class Pipeline:
             self.config.evaluate,
             self._recorded(cell.environment),
             self._training_set(cell) if cell.model in FROM_DATA else None,
-            self.config.train.accelerator,
+            self.config.train.accelerator if has_network else "auto",
         )
 
     def record_data(self, environment: str) -> Task:

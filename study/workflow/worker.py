@@ -2,6 +2,7 @@
 
 import importlib
 import logging
+import os
 import random
 import socket
 import traceback
@@ -188,6 +189,8 @@ def prepare(plugins: tuple[str, ...], threads: int) -> None:
     for plugin in plugins:
         importlib.import_module(plugin)
     torch.set_num_threads(threads)
+    # Without it the products of a GPU depend on which of its parts are free.
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True, warn_only=True)
     # In deterministic mode torch also fills new memory with NaN, which takes time.
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]

@@ -6,7 +6,8 @@ All at the sizes of ``configs/paper.yaml``, on the Pusher:
   model have two kinds of steps;
 - *forecast*: 1,000 samples of one scenario over 120 steps, with and without the random numbers;
 - *bfloat16*: a training step on the CPU in both precisions, at widths of 128 and 256;
-- *parity*: loss, gradient and forecasts on both devices, with the same random numbers.
+- *scores*: of 10 scenarios with 100 forecasts and 100 observed rollouts each;
+- *parity*: loss, gradient, forecasts and scores on both devices, with the same random numbers.
 
 Without a GPU the script measures the CPU, and says what it did not run. ``--parts parity training``
 runs only some of it.
@@ -18,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 from unittest import mock
 
@@ -25,10 +27,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from study.common.arrays import Array
 from study.common.seeds import spawn
 from study.config.model_sections import Mlp, Vae
 from study.config.settings import Config
 from study.data.trajectories import Trajectories
+from study.metrics.device import scores_on
+from study.metrics.joint_mmd import joint_mmd
+from study.metrics.mmd import bandwidths, mmd
+from study.metrics.proper_scores import energy_score
 from study.models import Model
 from study.models.rnn_ensemble import RnnEnsemble
 from study.models.sampling import sample_noise
@@ -41,6 +48,7 @@ MODELS = ("ensemble", "residual_vae", "full_vae", "probabilistic_mlp", "full_crp
 BATCHES, WIDTHS = (12, 512), (128, 256)
 SAMPLES = 1000
 LAST = 10**6
+"""A step after the last one."""
 STEPS = {
     "ensemble": {"true states": 0, "rollouts": LAST},
     "full_crps": {"transitions": 0, "rollouts": LAST},
@@ -49,7 +57,8 @@ STEPS = {
 TOLERANCE = 1e-4
 """Largest difference between the devices, relative to the largest number, or to 1."""
 CPU = torch.device("cpu")
-PARTS = ("parity", "training", "forecast", "bfloat16")
+SCORE_TOLERANCE = 1e-6
+PARTS = ("parity", "training", "forecast", "scores", "bfloat16")
 Row = dict[str, Any]
 
 
@@ -177,15 +186,24 @@ def precisions(data: Trajectories, repeats: int) -> Iterator[Row]:
 @contextmanager
 def same_noise() -> Iterator[None]:
     """Random numbers of training come from the CPU on every device."""
-    like, integers = torch.randn_like, torch.randint
+    like, normal, integers, rows = torch.randn_like, torch.randn, torch.randint, torch.multinomial
 
     def randn_like(values: Tensor) -> Tensor:
         return like(values, device=CPU).to(values.device)
 
+    def randn(*size: int, device: torch.device) -> Tensor:
+        return normal(*size).to(device)
+
     def randint(high: int, size: Any, device: torch.device) -> Tensor:
         return integers(high, size).to(device)
 
-    with mock.patch("torch.randn_like", randn_like), mock.patch("torch.randint", randint):
+    def multinomial(probabilities: Tensor, count: int, replacement: bool) -> Tensor:
+        return rows(probabilities.cpu(), count, replacement).to(probabilities.device)
+
+    fakes: dict[str, Any] = {
+        fake.__name__: fake for fake in (randn_like, randn, randint, multinomial)
+    }
+    with mock.patch.multiple(torch, **fakes):
         yield
 
 
@@ -197,7 +215,7 @@ def parity(devices: list[torch.device], data: Trajectories) -> Iterator[Row]:
         for device in devices:
             model = paper(name, data).to(device)
             batch, numbers = batch_of(model, data, 12), []
-            for step in STEPS.get(name, {"all": 0}).values() if name != "full_crps" else ():
+            for step in STEPS.get(name, {"all": 0}).values():
                 for _ in range(3):  # the last times as a CUDA graph
                     model.zero_grad()
                     torch.manual_seed(0)
@@ -211,7 +229,7 @@ def parity(devices: list[torch.device], data: Trajectories) -> Iterator[Row]:
             states = model.normalize_states(torch.from_numpy(forecast)).cpu()
             results.append((*numbers, states))
         kinds = [*(f"training, {kind}" for kind in STEPS.get(name, {"all": 0})), "forecast"]
-        for kind, ours, theirs in zip(kinds[-len(results[0]) :], *results, strict=True):
+        for kind, ours, theirs in zip(kinds, *results, strict=True):
             largest = max(1.0, float(ours.abs().max()))
             difference = float((ours - theirs).abs().max()) / largest
             yield {
@@ -219,6 +237,45 @@ def parity(devices: list[torch.device], data: Trajectories) -> Iterator[Row]:
                 "difference": difference,
                 "ok": difference < TOLERANCE,
             }
+
+
+def score_functions() -> dict[str, Callable[[], Array]]:
+    """The scores of random walks, with the sizes of ``configs/paper.yaml`` for ten scenarios."""
+    generator = np.random.default_rng(0)
+    forecast, observed = (
+        generator.normal(size=(10, 100, 120, 8)).cumsum(2).astype(np.float32) for _ in range(2)
+    )
+    scale = observed.std((0, 1, 2))
+    arguments = (forecast, observed, scale, bandwidths(observed, scale))
+    return {
+        "MMD²": lambda: mmd(*arguments).squared,
+        "joint MMD²": lambda: joint_mmd(*arguments).squared,
+        "energy score": lambda: energy_score(forecast, observed, scale),
+    }
+
+
+def on_device(device: torch.device, function: Callable[[], Array]) -> Array:
+    """The scores by numpy, or on a GPU."""
+    with scores_on(None if device == CPU else device):
+        return function()
+
+
+def scores(devices: list[torch.device], repeats: int) -> Iterator[Row]:
+    """Milliseconds of each score."""
+    for name, function in score_functions().items():
+
+        def runs(device: torch.device, function: Callable[[], Array] = function) -> Any:
+            return lambda: on_device(device, function)
+
+        yield {"what": name} | measure(devices, runs, repeats)
+
+
+def score_parity(devices: list[torch.device]) -> Iterator[Row]:
+    """Differences of the scores."""
+    for name, function in score_functions().items():
+        ours, theirs = (on_device(device, function) for device in devices)
+        difference = float(np.abs(ours - theirs).max())
+        yield {"what": name, "difference": difference, "ok": difference < SCORE_TOLERANCE}
 
 
 def show(title: str, rows: Iterator[Row]) -> list[Row]:
@@ -251,9 +308,10 @@ def main() -> int:
     print(f"{processor()}, bfloat16 units: {has_bfloat16_units(CPU)}; {gpu}")
     data = observe("pusher", max(BATCHES))
     parts = {
-        "parity": parity(devices, data),
+        "parity": chain(parity(devices, data), score_parity(devices)),
         "training": trainings(devices, data, repeats),
         "forecast": forecasts(devices, data, repeats),
+        "scores": scores(devices, max(1, repeats // 5)),
         "bfloat16": precisions(data, repeats),
     }
     wanted = [part for part in arguments.parts if has_gpu or part != "parity"]

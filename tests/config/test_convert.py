@@ -21,11 +21,13 @@ def test_the_key_of_a_stage_depends_on_them_otherwise() -> None:
     names = ("accelerator", "precision")
     plain = Pipeline(Config())
     other = Pipeline(Config(train=replace(Config().train, precision="bf16", accelerator="cpu")))
-    for stage in ("ensemble", "train", "evaluate"):
+    for stage in ("ensemble", "train", "validate", "evaluate"):
         before, after = (getattr(tasks, stage)(cell) for tasks in (plain, other))
         assert before.key != after.key
         found = {name.rpartition(".")[2] for name in by_dotted_name(before.settings)}
         assert not found & set(names) or stage == "train"
+    oracle = replace(cell, model="oracle")
+    assert plain.evaluate(oracle).key == other.evaluate(oracle).key
     settings = from_json(EnsembleSettings, other.ensemble(cell).settings)
     assert (settings.accelerator, settings.precision) == ("cpu", "bf16")
     assert from_json(EnsembleSettings, plain.ensemble(cell).settings).accelerator == "auto"

@@ -1,6 +1,6 @@
 """The CRPS models: an unbiased score, a latent variable, and two phases of training."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +11,7 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
+from study.config.convert import to_json
 from study.config.grid import Cell
 from study.config.model_sections import Crps, Network
 from study.config.settings import Config
@@ -358,7 +359,7 @@ def test_the_pipeline_applies_the_training_options() -> None:
         for name in ("full_crps", "full_vae")
     )
     assert of_crps["steps"] == 2505
-    assert of_vae == asdict(config.train)
+    assert of_vae == to_json(config.train)
 
 
 @pytest.mark.parametrize(("name", "expected"), [("full_crps", True), ("residual_crps", False)])

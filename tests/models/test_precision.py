@@ -35,9 +35,9 @@ def test_the_loss_is_close_and_the_recurrence_exact(
     values = []
     forward = kernel.forward
 
-    def counted(*given: Any) -> None:
-        calls.append(given)
-        forward(*given)
+    def counted(*arguments: Any) -> None:
+        calls.append(arguments)
+        forward(*arguments)
 
     monkeypatch.setattr(kernel, "forward", counted)
     network, data = model(name, **changes), batch()

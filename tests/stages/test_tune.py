@@ -1,10 +1,13 @@
 """The search for β: its journal, its grid, and the score of a pruned trial."""
 
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import optuna
 import pytest
+import torch
 from optuna.distributions import FloatDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
@@ -14,6 +17,7 @@ from study.common.files import read_json
 from study.config.convert import from_json
 from study.config.grid import Cell
 from study.config.stage_settings import TuneSettings
+from study.stages import tune as stage
 from study.stages.tune import sampler, trial_to_json
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
@@ -51,6 +55,37 @@ def test_the_journal_opens_and_holds_what_the_stage_says(small: Path) -> None:
     scores = {t["score"]: t["beta"] for t in tuning["trials"] if t["state"] == "complete"}
     assert (tuning["score"], tuning["beta"]) == (min(scores), scores[min(scores)])
     assert (study.best_value, study.best_params["beta"]) == (tuning["score"], tuning["beta"])
+
+
+@pytest.mark.parametrize("chosen", ["cpu", "cuda"])
+def test_the_device_is_chosen_once(
+    chosen: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All trials of a search have one device, those after a resumption as well."""
+    measured: list[object] = []
+
+    def fit_device(*arguments: object) -> torch.device:
+        measured.append(arguments)
+        return torch.device(chosen)
+
+    monkeypatch.setattr(stage, "fit_device", fit_device)
+    start: Any = Mock()
+    start.train.accelerator = "auto"
+    storage = JournalStorage(JournalFileBackend(str(tmp_path / "journal.log")))
+    expected = {"cpu": "cpu", "cuda": "gpu"}[chosen]
+    optuna.create_study(storage=storage, study_name="beta")
+    for _ in range(2):
+        search = optuna.load_study(storage=storage, study_name="beta")
+        # Without a GPU nothing is stored, so a journal is the same as ever.
+        monkeypatch.setattr(stage, "gpu", lambda accelerator: None)
+        stored = dict(search.user_attrs)
+        assert stage._settled_accelerator(search, start, 3) == "auto"
+        assert search.user_attrs == stored
+        monkeypatch.setattr(stage, "gpu", lambda accelerator: torch.device("cuda"))
+        assert stage._settled_accelerator(search, start, 3) == expected
+    assert len(measured) == 1
+    start.train.accelerator = "gpu"
+    assert stage._settled_accelerator(search, start, 3) == "gpu"
 
 
 @pytest.mark.parametrize("environment", ["pusher", "uav"])

@@ -27,9 +27,8 @@ def test_curves_have_a_point_every_few_steps(monkeypatch: pytest.MonkeyPatch) ->
     assert points == [LOG_EVERY - 1, 2 * LOG_EVERY - 1, 3 * LOG_EVERY - 1]
 
 
-@pytest.mark.parametrize("precision", ["32", "bf16"])
-def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
-    """With a fused optimiser and clipping, which Lightning's own plugin refuses."""
+def data_module(data_streams: int | None = None) -> TrajectoryDataModule:
+    """Batches of random trajectories."""
     data, observed = trajectories(), trajectories(6, seed=3)
     scenarios = ScenarioSet(
         observed.states[:, 0],
@@ -39,12 +38,18 @@ def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
         np.zeros((6, 1, 0), np.float32),
         {},
     )
-    batches = TrajectoryDataModule(normalization(), data, scenarios, batch_size=4, seed=0)
+    return TrajectoryDataModule(normalization(), data, scenarios, 4, 0, data_streams)
+
+
+@pytest.mark.parametrize("precision", ["32", "bf16"])
+def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
+    """With a fused optimiser and clipping, which Lightning's own plugin refuses."""
+    batches = data_module()
     network: Any = model("probabilistic_mlp")
     before = [value.clone() for value in network.parameters()]
     dtypes: list[torch.dtype] = []
-    network.network.stem.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
-    network.network.skip.register_forward_hook(lambda *given: dtypes.append(given[2].dtype))
+    network.network.stem.register_forward_hook(lambda *call: dtypes.append(call[2].dtype))
+    network.network.skip.register_forward_hook(lambda *call: dtypes.append(call[2].dtype))
     score = LogForecastScore(lambda *_: 1.0)  # type: ignore[arg-type]
     options = FitOptions(0, 3, 3, None, accelerator="cpu", precision=precision)
     forget_uses()
@@ -55,3 +60,15 @@ def test_a_fit_in_a_precision(precision: str, tmp_path: Path) -> None:
     after = list(network.parameters())
     assert any(not torch.equal(*pair) for pair in zip(before, after, strict=True))
     assert all(value.dtype == torch.float32 and value.isfinite().all() for value in after)
+
+
+def test_validation_is_in_float32(tmp_path: Path) -> None:
+    """The ensemble's validation score decides which weights it keeps."""
+    network: Any = model("ensemble")
+    modes: list[tuple[bool, bool]] = []
+    network.members.initial_hidden.register_forward_hook(
+        lambda *_: modes.append((network.training, torch.is_autocast_enabled("cpu")))
+    )
+    options = FitOptions(0, 2, 2, 1, clip=None, accelerator="cpu", precision="bf16")
+    fit(network, data_module(network.data_streams), tmp_path, Progress(), options)
+    assert set(modes) == {(True, True), (False, False)}

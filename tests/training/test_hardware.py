@@ -4,14 +4,23 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import torch
 
+from study.common.errors import StudyError
 from study.models.base import Model
 from study.training import hardware
 from study.training.data_module import InMemory
-from study.training.hardware import CPU, faster_device, fit_precision, gpu, width
+from study.training.hardware import (
+    CPU,
+    faster_device,
+    fit_precision,
+    forecast_on_faster_device,
+    gpu,
+    width,
+)
 from tests.helpers.models import model
 
 META = torch.device("meta")
@@ -32,8 +41,16 @@ def test_the_gpu_of_a_setting(
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: has_cuda)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: True)
     found = gpu(accelerator)
     assert (found and found.type) == expected
+
+
+def test_a_gpu_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    with pytest.raises(StudyError, match="got 'gpu', and torch finds none here; give auto or cpu"):
+        gpu("gpu")
 
 
 @pytest.fixture
@@ -60,9 +77,42 @@ def test_auto_takes_the_faster_device(
     assert f"accelerator auto: {expected} (cpu 200.0 ms, meta {1e3 * of_gpu:.1f} ms)" in caplog.text
 
 
+@pytest.mark.parametrize("fails", [(META,), (CPU, META)])
+def test_auto_leaves_out_a_device_that_fails(
+    fails: tuple[torch.device, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """If both fail, the fit on the CPU shows the error."""
+    monkeypatch.setattr(hardware, "gpu", lambda accelerator: META)
+    monkeypatch.setattr(hardware, "TRIAL_SECONDS", 0.0)
+
+    def run(trained: Model) -> None:
+        if trained.device in fails:
+            raise torch.OutOfMemoryError("CUDA out of memory")
+
+    assert faster_device("auto", model("full_vae"), run) == CPU
+    assert "accelerator auto: not on meta: " in caplog.text
+    assert "CUDA out of memory" in caplog.text
+
+
 def test_a_choice_is_not_measured(with_a_gpu: Callable[[dict[str, float]], None]) -> None:
     with_a_gpu({})
     assert faster_device("gpu", model("full_vae"), lambda _: None) == META
+
+
+def test_scores_are_computed_where_forecasts_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device without float64 computes none, and only a model is moved."""
+    scenarios: Any = None
+    seeds: Any = None
+    network = Mock(spec=Model)
+    for kind, expected in (("cuda", "cuda"), ("cpu", None), ("mps", None)):
+        network.device = torch.device(kind)
+        monkeypatch.setattr(hardware, "faster_device", lambda *_, device=network.device: device)
+        found = forecast_on_faster_device("auto", network, scenarios, seeds)
+        network.to.assert_called_with(network.device)
+        assert (found and found.type) == expected
+    assert forecast_on_faster_device("gpu", Mock(), scenarios, seeds) is None
 
 
 def test_without_a_gpu_nothing_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -190,8 +190,18 @@ def test_fits_ask_for_their_accelerator(wanted: str) -> None:
     fit = {"model_settings": {"train": {"accelerator": wanted}}}
     assert accelerator(Task("train", "a", fit)) == wanted
     assert accelerator(Task("tune", "a", {"fit": fit})) == wanted
+    ensemble = Task("ensemble", "a", {"accelerator": wanted})
+    assert accelerator(ensemble) == wanted
+    for stage in ("evaluate", "validate"):
+        forecast = Task(stage, "a", {"accelerator": wanted}, {"trained": ensemble})
+        assert accelerator(forecast) == ("gpu" if wanted == "gpu" else None)
+
+
+def test_what_has_no_setting_asks_for_no_accelerator() -> None:
     assert accelerator(Task("ensemble", "a", {})) == "auto"
+    assert accelerator(Task("collect", "a", {})) is None
     assert accelerator(Task("evaluate", "a", {})) is None
+    assert accelerator(Task("evaluate", "oracle", {"accelerator": "gpu"})) is None
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from torch.nn.functional import pad, silu
 from study.data.normalization import Normalization
 from study.models.networks.architecture import Architecture
 from study.models.networks.linear import StackedLinear
+from study.models.unroll import graphs
 from study.models.unroll.frame import direction, turn
 from study.models.unroll.gru import gru
 from study.models.unroll.unroll import Weights, features, unroll
@@ -146,6 +147,15 @@ class DynamicsNetwork(nn.Module):
         Returns:
             x_t S + y_t O + o [M, B, T, D], in units u and the canonical frame, and y [M, B, T, W].
         """
+        if hidden is not None:
+            return self.forward(state, inputs, hidden)
+        output, top = graphs.call(self, state, inputs)
+        return output, top
+
+    def forward(
+        self, state: Tensor, inputs: Tensor, hidden: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """See `step`."""
         f = features(
             self.to_canonical(state, state), self.angles, self.angle_mean, self.angle_scale
         )

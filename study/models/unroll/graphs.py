@@ -1,21 +1,27 @@
 """CUDA graphs: thousands of small operations on a GPU, launched at once.
 
-A loop over the steps of a horizon starts some thirty operations a step. On a GPU each takes less
-time than its launch. A CUDA graph records the operations, forwards and backwards, and replays them
-in one launch. It is bound to the shapes of its arguments, so there is one for each shape.
+A loop over the steps of a horizon starts some thirty operations a step, and so does a network of
+single transitions. On a GPU each takes less time than its launch. A CUDA graph records the
+operations, forwards and backwards, and replays them in one launch. It is bound to the shapes of its
+arguments, so there is one for each shape.
 """
 
 import logging
+import os
 import weakref
 from collections import Counter
 from collections.abc import Callable, Hashable
+from itertools import chain
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.func import functional_call
 
 MOST_GRAPHS = 8
 """Largest number of graphs of one owner, since each keeps its arrays in the memory of the GPU."""
+SWITCH = "STUDY_GRAPHS"
+"""Environment variable. The value 0 turns graphs off."""
 
 Results = tuple[Tensor, ...]
 Capture = Callable[[Callable[..., Results], Results], Callable[..., Results]]
@@ -25,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 def are_used(device: torch.device) -> bool:
     """Whether functions on this device are captured."""
-    return device.type == "cuda"
+    return device.type == "cuda" and os.environ.get(SWITCH) != "0"
 
 
 def cuda_capture(function: Callable[..., Results], arguments: Results) -> Callable[..., Results]:
@@ -74,7 +80,8 @@ class Graphs:
         present = tuple(value for value in arguments if value is not None)
         grad = torch.is_grad_enabled()
         shapes = tuple(None if value is None else _shape(value, grad) for value in arguments)
-        key = (shapes, constants, grad)
+        # Outside inference mode, nothing may write into the arrays of a graph of that mode.
+        key = (shapes, constants, grad, torch.is_inference_mode_enabled())
         self.uses[key] += 1
         if key not in self.graphs and self.uses[key] > 1 and len(self.graphs) < MOST_GRAPHS:
             self.graphs[key] = self._captured(function, arguments, grad)
@@ -103,7 +110,8 @@ class Graphs:
         try:
             return self.capture(of_tensors, static)
         except RuntimeError as error:
-            _log.warning("no CUDA graph, sequences run step by step: %s", error)
+            reason = f"{error}; {SWITCH}=0 turns graphs off"
+            _log.warning("no CUDA graph, sequences run step by step: %s", reason)
             return None
 
 
@@ -133,7 +141,12 @@ def _shape(value: Tensor, grad: bool) -> Hashable:
 
 
 def _static(value: Tensor, grad: bool) -> Tensor:
-    return value.detach().clone().requires_grad_(grad and value.requires_grad)
+    """The argument of a graph: a copy, but a parameter itself, since an optimiser leaves it there.
+
+    If a module has moved its parameter, the next call copies it to the old place.
+    """
+    static = value.detach() if isinstance(value, nn.Parameter) else value.detach().clone()
+    return static.requires_grad_(grad and value.requires_grad)
 
 
 _graphs: weakref.WeakKeyDictionary[Any, Graphs] = weakref.WeakKeyDictionary()
@@ -142,3 +155,26 @@ _graphs: weakref.WeakKeyDictionary[Any, Graphs] = weakref.WeakKeyDictionary()
 def of(owner: Any) -> Graphs:
     """The graphs of a network, which are removed with it."""
     return _graphs.setdefault(owner, Graphs())
+
+
+def call(module: nn.Module, *arguments: Tensor) -> Results:
+    """`module(*arguments)`, in training on a GPU as a CUDA graph of the module.
+
+    Args:
+        module: returns a tuple of tensors. It changes no buffer, and samples nothing.
+        arguments: tensors.
+    """
+    device = arguments[0].device
+    is_captured = are_used(device) and torch.is_grad_enabled()
+    if not is_captured or torch.is_autocast_enabled(device.type):
+        results: Results = module(*arguments)
+        return results
+    state = dict(chain(module.named_parameters(), module.named_buffers()))
+    count = len(arguments)
+
+    def function(*tensors: Tensor) -> Results:
+        values = dict(zip(state, tensors[count:], strict=True))
+        results: Results = functional_call(module, values, tensors[:count])
+        return results
+
+    return of(module)(function, (*arguments, *state.values()), ("call",))

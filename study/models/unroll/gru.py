@@ -1,7 +1,6 @@
 """A GRU whose inputs are known for all steps: teacher forcing, and the encoder of a VAE."""
 
 import warnings
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -41,9 +40,9 @@ def library_gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> 
     matrix is a permutation, from the order n, r, u of the gates to the library's r, u, n. On a CPU
     the library is not faster than the loop of `torch_unroll`.
     """
-    # By default cuDNN rounds the factors of its products to 10 bits (TF32).
-    cudnn: Any = torch.backends.cudnn.rnn
-    cudnn.fp32_precision = "ieee"
+    # By default cuDNN rounds the factors of its products to 10 bits (TF32). A setting of its GRU
+    # alone would make it an error to read this one.
+    torch.backends.cudnn.allow_tf32 = False
     size = bias.shape[1]
     permutation = torch.eye(3 * size, dtype=gates.dtype, device=gates.device).roll(-size, 0)
     no_bias = gates.new_zeros(3 * size)

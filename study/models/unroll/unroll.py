@@ -140,14 +140,14 @@ def unroll(
 def _graphed(owner: object, weights: Weights, *arguments: Any) -> tuple[Tensor, Tensor]:
     """`torch_unroll` as a CUDA graph of `owner`."""
     *inputs, decay, return_tops = arguments
-    count = len(inputs)
+    count, has_state = len(inputs), inputs[1].shape[-1] > 0
 
     def function(*tensors: Tensor | None) -> tuple[Tensor, ...]:
         values: Any = tensors
         terms, state, hidden, gain, noise = values[:count]
         of_weights = Weights(*values[count:])
         results = torch_unroll(of_weights, terms, state, hidden, gain, noise, decay)
-        return results if return_tops or not inputs[1].shape[-1] else results[:1]
+        return results if return_tops or not has_state else results[:1]
 
     states, *tops = graphs.of(owner)(function, (*inputs, *weights.tensors()), (decay, return_tops))
     return states, tops[0] if tops else states[..., :0]

@@ -27,6 +27,8 @@ class FakeCapture:
         self.captures += 1
         outputs = function(*arguments)
         static = [output.detach().clone() for output in outputs]
+        wanted = [value for value in arguments if value.requires_grad]
+        static_gradients = [torch.zeros_like(value) for value in wanted]
         fake = self
 
         class Graphed(torch.autograd.Function):
@@ -34,7 +36,8 @@ class FakeCapture:
             def forward(ctx: object, *inputs: Tensor) -> Results:
                 fake.replays += 1
                 for argument, value in zip(arguments, inputs, strict=True):
-                    argument.data.copy_(value)
+                    if argument.data_ptr() != value.data_ptr():
+                        argument.copy_(value)
                 with torch.no_grad():
                     for array, value in zip(static, function(*arguments), strict=True):
                         array.copy_(value)
@@ -45,9 +48,15 @@ class FakeCapture:
                 # The arguments are those of the last replay.
                 with torch.enable_grad():
                     results = function(*arguments)
-                wanted = [value for value in arguments if value.requires_grad]
-                found = iter(torch.autograd.grad(results, wanted, gradients, allow_unused=True))
-                return tuple(next(found) if v.requires_grad else None for v in arguments)
+                found = torch.autograd.grad(results, wanted, gradients, allow_unused=True)
+                returned: list[Tensor | None] = []
+                for array, value in zip(static_gradients, found, strict=True):
+                    if value is not None:
+                        array.copy_(value)
+                    # A parameter's gradient may be this array until the next replay.
+                    returned.append(None if value is None else array.detach())
+                rest = iter(returned)
+                return tuple(next(rest) if v.requires_grad else None for v in arguments)
 
         return Graphed.apply
 
@@ -86,6 +95,24 @@ def test_a_shape_is_captured_at_its_second_use(fake: FakeCapture) -> None:
     assert (fake.captures, fake.replays) == (1, 3)
 
 
+def test_inference_mode_has_graphs_of_its_own(fake: FakeCapture) -> None:
+    """A forecast may be called in that mode. Its tensors cannot be written to outside of it."""
+    captured = Graphs(fake)
+    for _ in range(3):
+        for mode in (torch.inference_mode, torch.no_grad):
+            with mode():
+                assert torch.equal(captured(double, (torch.ones(3),))[0], torch.full((3,), 2.0))
+    assert (fake.captures, fake.replays) == (2, 4)
+
+
+def test_a_gpu_captures_unless_the_environment_forbids_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    devices = [torch.device("cuda"), torch.device("cpu")]
+    monkeypatch.delenv(graphs.SWITCH, raising=False)
+    assert [graphs.are_used(device) for device in devices] == [True, False]
+    monkeypatch.setenv(graphs.SWITCH, "0")
+    assert [graphs.are_used(device) for device in devices] == [False, False]
+
+
 def test_results_are_not_overwritten(fake: FakeCapture) -> None:
     captured = Graphs(fake)
     results = [captured(double, (torch.full((2,), float(use)),))[0] for use in range(4)]
@@ -122,7 +149,7 @@ def test_without_a_capture_the_function_runs_itself(caplog: pytest.LogCaptureFix
         assert torch.equal(captured(double, (torch.ones(3),))[0], torch.full((3,), 2.0))
     assert [record.message for record in caplog.records] == [
         "no CUDA graph, sequences run step by step: "
-        "operation not permitted when stream is capturing"
+        "operation not permitted when stream is capturing; STUDY_GRAPHS=0 turns graphs off"
     ]
 
 

@@ -42,6 +42,15 @@ def test_values_and_gradients(networks: int, rows: int, steps: int, size: int) -
     torch.testing.assert_close(*results)
 
 
+def test_products_are_not_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other libraries can still read the setting."""
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", True)
+    shapes = [(1, 2, 3, 12), (1, 2, 4), (1, 4, 12), (1, 4)]
+    library_gru(*(torch.ones(shape) for shape in shapes))
+    assert not torch.backends.cudnn.allow_tf32
+    assert torch.backends.cudnn.rnn.fp32_precision != "tf32"  # type: ignore[attr-defined]
+
+
 def test_on_the_cpu_it_is_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "library_gru", None)
     shapes = [(1, 2, 3, 12), (1, 2, 4), (1, 4, 12), (1, 4)]
