@@ -132,7 +132,7 @@ def accelerator(task: Task) -> str | None:
     """The accelerator that the task's fits ask for; None for a task without a fit."""
     if task.stage == "ensemble":
         return "auto"
-    if task.stage not in ("tune", "train"):
+    if task.stage not in ("tune", "trial", "train"):
         return None
     fit: Mapping[str, Any] = task.settings.get("fit", task.settings)
     return str(fit.get("model_settings", {}).get("train", {}).get("accelerator", "auto"))

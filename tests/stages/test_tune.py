@@ -14,7 +14,7 @@ from study.common.files import read_json
 from study.config.convert import from_json
 from study.config.grid import Cell
 from study.config.stage_settings import TuneSettings
-from study.stages.tune import sampler, trial_to_json
+from study.training.search import sampler, trial_to_json
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
 from study.workflow.task import Task

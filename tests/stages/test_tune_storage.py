@@ -14,6 +14,7 @@ from sqlalchemy.exc import OperationalError
 from study.common.errors import BadInput, StudyError
 from study.common.secrets import without_passwords
 from study.config.grid import Cell
+from study.config.stage_settings import Database
 from study.config.tree import to_json
 from study.training.search_storage import database, explained
 from study.workflow.lease import Terms, hold
@@ -131,7 +132,7 @@ def test_a_database_that_is_lost_during_a_search() -> None:
     cause = OperationalError("SELECT 1", {}, Exception("server closed the connection"))
     with (
         pytest.raises(StudyError, match=r"lost postgresql://me:\*\*\*@.*run the same command"),
-        explained(UNREACHABLE),
+        explained(Database(UNREACHABLE, "a search")),
     ):
         raise StorageInternalError("An exception is raised during the commit.") from cause
 
