@@ -187,12 +187,14 @@ class Killer(threading.Thread):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("url", "workers"), [("sqlite", 1), ("sqlite", 2), ("postgresql", 3)], indirect=["url"]
+)
 def test_any_number_of_workers_gives_the_same_bytes(
-    workers: int, serial: Path, tmp_path: Path
+    url: str, workers: int, serial: Path, tmp_path: Path
 ) -> None:
     """A worker is killed while it runs a trial."""
-    store, url = Store(tmp_path / "work"), f"sqlite:///{tmp_path}/trials.db"
+    store = Store(tmp_path / "work")
     tasks = search_tasks("--tune.storage", url)
     engine, lost = Engine(workers=workers), list[Task]()
     killer = Killer(store.root)
@@ -224,9 +226,10 @@ def trials_in(url: str) -> list[FrozenTrial]:
     return list(search.trials)
 
 
-def test_a_database_shows_the_trials_and_changes_nothing(serial: Path, tmp_path: Path) -> None:
+def test_a_database_shows_the_trials_and_changes_nothing(
+    serial: Path, tmp_path: Path, url: str
+) -> None:
     """A process was killed in trial 1, and trial 0 ended before the database was given."""
-    url = f"sqlite:///{tmp_path}/trials.db"
     store, tasks = Store(tmp_path / "work"), search_tasks("--tune.storage", url)
     name = str(tasks[-1].services["database"]["search"])
     assert name == f"smoke/{CELL.name} {tasks[-1].key[:16]}"
