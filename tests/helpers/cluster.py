@@ -83,7 +83,7 @@ class Cluster:
         self._address_file.unlink(missing_ok=True)
         self.scheduler = self._start(
             "scheduler", f"--host={self._protocol}://{self._link.host}", f"--port={port}",
-            "--no-dashboard", **self._ttl,
+            "--no-dashboard", prefix=(), **self._ttl,
         )  # fmt: skip
         self._wait(self._address_file, self.scheduler)
         return self.scheduler

@@ -20,6 +20,6 @@ def test_a_fit_costs_its_search_in_one_task_or_in_several(searched: dict[str, fl
             for part in parts:
                 costs[f"{stage} {cell}{part}"] = {"cpu_seconds": seconds, "peak_memory": 2e6}
     evidence: Any = SimpleNamespace(costs=costs)
-    seconds, memory = _cost(evidence, "uav", "low", "full_vae")
-    assert (seconds.order, memory.text) == (16.5, "2")
+    cpu, memory = _cost(evidence, "uav", "low", "full_vae")
+    assert (cpu.order, memory.text) == (16.5, "2")
     assert _cost(evidence, "uav", "low", "ensemble")[0].order == 99.0
