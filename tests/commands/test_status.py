@@ -151,7 +151,7 @@ def test_where_a_stage_runs_since_when_and_how_often_it_was_tried(copied: Path) 
         assert (first.attempt, second.attempt) == (1, 2)
         lines = study("status", *SMALL, "--out", copied).out.splitlines()
     (head,) = [line.split() for line in lines if " where " in line]
-    assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds"]
+    assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds", "device"]
     (shown,) = [line for line in lines if "running 25% step 5" in line]
     assert f"{socket.gethostname()}, process {os.getpid()}" in shown
     assert re.search(r"  \d\d:\d\d:\d\d +2 *$", shown)
