@@ -5,13 +5,17 @@ functions. They are imported after `isolate`, since an import reads environment 
 """
 
 import os
+import signal
 import sys
+from types import FrameType
 
 from study.common.errors import StudyError, explain
 from study.common.isolation import isolate
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C: 128 + SIGINT, as in shells."""
+TERMINATED = 143
+"""Exit code after SIGTERM: 128 + SIGTERM, as in shells."""
 CLOSED_PIPE = 141
 """Exit code when the reader of a pipe has ended: 128 + SIGPIPE, as in shells."""
 OWN_PACKAGES = ("study", "paper_figs")
@@ -26,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns:
         the exit code: 0 all is well, 1 something failed, 2 the input is wrong, 130 interrupted,
-        141 the reader of a pipe, such as `head`, has ended.
+        141 the reader of a pipe, such as `head`, has ended. After SIGTERM it is 143.
     """
     try:
         isolate()
@@ -74,5 +78,11 @@ def _close_output() -> int:
     return CLOSED_PIPE
 
 
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """End like after an error, so that temporary folders are removed and locks are released."""
+    raise SystemExit(TERMINATED)
+
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, _terminate)
     sys.exit(main())

@@ -7,13 +7,14 @@ shared folder. At random moments, from a seed, one of these happens:
 - *worker stopped*: SIGSTOP until its lease ends, then SIGCONT.
 - *scheduler killed*: SIGKILL; another one starts at the same address.
 - *run killed*: SIGKILL of the main process.
+- *link cut*: the one between the scheduler and a worker, for ten seconds (`tests.helpers.link`).
 - *disk full*: the folder for temporary files of one worker, a small tmpfs. It needs root.
 - *file damaged*: one bit of a complete stage is changed while no stage runs.
 
 A run that ends before its study is complete is started again by the same command. At last the
 files must be the bytes of an undisturbed run in one process. With ``--study chains`` the stages
-sleep (`tests.helpers.chains`); ``--study small`` is a small study with training, of which scores,
-weights and claims are compared.
+sleep (`tests.helpers.chains`); ``--study small`` is a small study with training and a search in
+batches, of which scores, weights and claims are compared.
 """
 
 import argparse
@@ -31,7 +32,9 @@ from pathlib import Path
 
 from study.workflow.lease import read_holder
 from tests.helpers import chains
-from tests.helpers.cluster import Cluster, kill
+from tests.helpers.cluster import LINKED, Cluster, kill
+from tests.helpers.link import Link
+from tests.helpers.link import link as make_link
 from tests.helpers.running import ROOT, SMALL, results
 
 LEASE, WORKER_TTL = 4, 6.0
@@ -41,7 +44,9 @@ LONGEST_START = 60.0
 LONGEST = 900.0
 """Seconds for a study to end when it is no longer disturbed."""
 TMPFS = 2**21
-WITHOUT_ENGINE = [flag for flag in SMALL if not flag.startswith("--engine")]
+CUT = 10.0
+"""Seconds for which a link is cut."""
+WITHOUT_ENGINE = [flag for flag in SMALL if not flag.startswith("--engine")] + ["--tune.batch=2"]
 
 
 class Faults:
@@ -51,16 +56,17 @@ class Faults:
         folder: of everything.
         name: of the study, `chains` or `small`.
         chance: the random numbers.
+        link: between the scheduler and one worker.
     """
 
-    def __init__(self, folder: Path, name: str, chance: random.Random) -> None:
+    def __init__(self, folder: Path, name: str, chance: random.Random, link: Link) -> None:
         self.folder, self.name, self.chance = folder, name, chance
-        self.out = folder / "out"
+        self.out, self.link = folder / "out", link
         self.full = folder / "full"
         self.counts: Counter[str] = Counter()
         self.runs = 0
         environment = {"TMPDIR": str(folder)}
-        self.cluster = Cluster(folder / "cluster", 0, WORKER_TTL, environment)
+        self.cluster = Cluster(folder / "cluster", 0, WORKER_TTL, environment, link=link)
         self.port = self.cluster.address.rpartition(":")[2]
         self.has_tmpfs = _mount(self.full)
         for worker in range(3):
@@ -109,7 +115,7 @@ class Faults:
         """One disturbance, by chance; returns what happened."""
         kinds: list[Callable[[], str]] = [
             self.kill_worker, self.kill_worker, self.stop_worker, self.kill_scheduler,
-            self.kill_run, self.damage_file,
+            self.kill_run, self.damage_file, self.cut_link,
         ]  # fmt: skip
         if self.has_tmpfs:
             kinds.append(self.fill_disk)
@@ -135,6 +141,12 @@ class Faults:
             time.sleep(WORKER_TTL + 2 * LEASE)
             os.kill(process.pid, signal.SIGCONT)
         return f"worker {worker} stopped for {WORKER_TTL + 2 * LEASE:.0f} s; lost {lost}"
+
+    def cut_link(self) -> str:
+        """Cut the link of a worker for so long that the scheduler gives the worker up."""
+        lost = self.stages_of(self.cluster.workers[LINKED].pid)
+        self.link.cut_for(CUT)
+        return f"link of worker {LINKED} cut for {CUT:.0f} s; it ran {lost}"
 
     def kill_scheduler(self) -> str:
         """SIGKILL of the scheduler; another one starts at the same address."""
@@ -217,9 +229,10 @@ def disturb_study(
     pause: float,
     chance: random.Random,
     say: Callable[[str], None],
+    link: Link,
 ) -> Counter[str]:
     """Run a study once, with disturbances until it is complete; returns their kinds."""
-    faults = Faults(folder, name, chance)
+    faults = Faults(folder, name, chance, link)
     try:
         began, undisturbed = time.monotonic(), 0.0
         while faults.run.poll() != 0:
@@ -256,13 +269,14 @@ def main() -> int:
     def say(line: str) -> None:
         print(line, flush=True)
 
-    with tempfile.TemporaryDirectory(prefix="faults-") as temporary:
+    with tempfile.TemporaryDirectory(prefix="faults-") as temporary, make_link() as link:
         folder = Path(temporary)
         reference = folder / "undisturbed"
         command = [sys.executable, "-m", *command_of(options.study, reference, "")]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
         expected = bytes_of(options.study, reference)
         say(f"undisturbed, in one process: {len(expected)} files to compare")
+        say(f"worker {LINKED} has a {type(link).__name__}")
         number = 0
         while counts.total() < options.disturbances:
             number += 1
@@ -270,7 +284,7 @@ def main() -> int:
             part.mkdir()
             say(f"study {number}")
             most = options.disturbances - counts.total()
-            counts += disturb_study(part, options.study, most, options.pause, chance, say)
+            counts += disturb_study(part, options.study, most, options.pause, chance, say, link)
             found = bytes_of(options.study, part / "out")
             differ = {name for name in expected | found if expected.get(name) != found.get(name)}
             different += len(differ)

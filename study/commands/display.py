@@ -24,6 +24,8 @@ EXPECTED = {
     "collect": 44.0,
     "ensemble": 105.0,
     "tune": 96.0,
+    "trial": 24.0,
+    "select": 0.3,
     "train": 77.0,
     "evaluate": 22.0,
     "record": 3.0,

@@ -11,6 +11,7 @@ SECONDS = {
     "collect": 1.2e-3,
     "ensemble": 4.5e-2,
     "tune": 2.3e-2,
+    "trial": 2.3e-2,
     "train": 2.0e-2,
     "evaluate": 8e-4,
 }
@@ -65,7 +66,7 @@ def in_words(seconds: float) -> str:
 def _kinds(task: Task) -> list[tuple[str, ...]]:
     """Stage, environment and model, and stage and environment, where no task of the model ran."""
     environment, *others = task.label.split("/")
-    model = others[1:-1]
+    model = others[1:2] if len(others) > 2 else []  # a trial has its number last
     return [(task.stage, environment, *model), (task.stage, environment)]
 
 
@@ -83,9 +84,10 @@ def work(task: Task) -> float:
         return _steps(settings["ensemble"])
     if task.stage == "train":
         return _steps(settings["model_settings"]["train"])
-    if task.stage == "tune":
+    if task.stage in ("tune", "trial"):
         train, tune = settings["fit"]["model_settings"]["train"], settings["tune"]
-        return float(tune["trials"] * tune["steps"]) * train["batch_size"] / BATCH
+        trials = tune["trials"] if task.stage == "tune" else 1
+        return float(trials * tune["steps"]) * train["batch_size"] / BATCH
     if task.stage == "evaluate":
         data = task.inputs["data"].settings["collect"]
         return float(data["scenarios"] * settings["evaluate"]["samples"])

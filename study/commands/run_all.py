@@ -63,7 +63,7 @@ def run(options: Options) -> int:
     with locked(out) as lock:
         write_run_settings(out, config)
         write_cache(config, records, store)
-        store.remove_progress()
+        store.remove_leftovers()
         due = {task: why for task in tasks if (why := store.reason_to_run(task)) is not None}
         for task, why in due.items():
             if why.startswith("damaged"):

@@ -20,7 +20,7 @@ from study.common.progress import read_progress
 from study.config.grid import cells, select
 from study.results import timings
 from study.workflow.lease import Holder, read_holder
-from study.workflow.lock import is_locked
+from study.workflow.lock import is_locked, watch
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
@@ -75,9 +75,10 @@ def run(options: Options) -> int:
         return {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
 
     if options.follow:
-        _follow(lambda: state_table(measured(), store, out), out, terminal)
+        _follow(lambda: state_table(measured(), store, out, True), out, terminal)
     costs = measured()
-    terminal.print(state_table(costs, store, out))
+    is_running = not options.follow and is_locked(out)
+    terminal.print(state_table(costs, store, out, is_running))
     if published:
         say(terminal, f"the stages ran elsewhere: {out} has the results, but no {store.root.name}/")
     show(terminal, cost_table([(task.stage, cost) for task, cost in costs.items()]))
@@ -89,26 +90,27 @@ def run(options: Options) -> int:
 
 
 def _follow(table: Callable[[], Table], out: Path, terminal: Console) -> None:
-    """Draw the table again and again while a run holds the results folder."""
+    """Draw the table again and again while a run that lives holds the results folder."""
+    observed = watch(out)
     if not terminal.is_terminal:
-        while is_locked(out):
+        while is_locked(out, observed):
             time.sleep(INTERVAL)
         return
     with Live(console=terminal, auto_refresh=False, transient=True) as live:
-        while is_locked(out):
+        while is_locked(out, observed):
             live.update(table(), refresh=True)
             time.sleep(INTERVAL)
 
 
-def state_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
+def state_table(costs: Mapping[Task, Timing], store: Store, out: Path, is_running: bool) -> Table:
     """One line for each task: done, running, failed or to do, its wall time and its device.
 
     Args:
         costs: of each task; empty for a task that is not done.
         store: the folders of the tasks.
         out: the results folder.
+        is_running: whether a run holds the folder.
     """
-    is_running = is_locked(out)
     table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
     for column in ("stage", "for", "state"):
         table.add_column(column, no_wrap=True)

@@ -63,7 +63,7 @@ def run_missing(
     Returns:
         the error of every task that failed or was not run.
     """
-    store.remove_progress()
+    store.remove_leftovers()
     due = [task for task in tasks if store.reason_to_run(task) is not None]
     ready = with_database(due, config)
     return run_due(ready, config.engine, store, terminal) if ready else {}

@@ -111,6 +111,9 @@ class Tune:
         evaluations: times a trial is evaluated, and may be pruned.
         validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
+        batch: trials that are proposed together, from the results of the batches before. They run
+            at the same time on as many workers. The chosen β depends on this number, and not on the
+            number of workers. 1 proposes each trial from all trials before it.
         storage: URL of a database of Optuna for all searches, postgresql://… or sqlite:///…; null
             is a journal file for each search. No number depends on it, and no file stores it, since
             it may have a password.
@@ -123,6 +126,7 @@ class Tune:
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
     samples: int = setting(16, low=2, high=10**4)
+    batch: int = setting(1, low=1, high=10**5, later=True)
     storage: str | None = setting(None, stored=False)
 
 

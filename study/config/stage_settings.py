@@ -158,6 +158,32 @@ class TuneSettings:
 
 
 @dataclass(frozen=True)
+class TrialSettings(TuneSettings):
+    """Stage trial: one trial of a search whose trials run in batches.
+
+    Attributes:
+        number: of the trial, from 0.
+    """
+
+    number: int = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class SelectSettings:
+    """Stage select: the best β of the trials of a search.
+
+    Attributes:
+        model: registered name of the model.
+        tune: settings of the search.
+        database: see `TuneSettings`.
+    """
+
+    model: str
+    tune: Tune
+    database: Database | None = field(default=None, metadata={"stored": False})
+
+
+@dataclass(frozen=True)
 class ValidateSettings:
     """Stage validate: scores on the validation scenarios. `accelerator`: see `Train`."""
 
@@ -207,6 +233,8 @@ STAGES: Mapping[str, type] = {
     "record_data": RecordDataSettings,
     "ensemble": EnsembleSettings,
     "tune": TuneSettings,
+    "trial": TrialSettings,
+    "select": SelectSettings,
     "train": TrainSettings,
     "validate": ValidateSettings,
     "evaluate": EvaluateSettings,

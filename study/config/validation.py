@@ -1,5 +1,6 @@
 """Checks of settings that depend on one another."""
 
+import math
 import re
 
 from study.common.errors import BadInput, shown
@@ -11,6 +12,8 @@ from study.config.stage_settings import TrainingSet
 
 DATABASE = re.compile(r"(postgresql(\+\w+)?://([^@\s]*@)?|sqlite:///)[^@\s]+")
 """URLs of `tune.storage`."""
+MOST_BATCHES = 50
+"""Batches of a search, each a link of a chain of tasks, at most."""
 LEAST = 2
 """Training trajectories of a level, at least."""
 
@@ -42,6 +45,11 @@ def check_together(config: Config) -> None:
     if tune.evaluations > tune.steps:
         raise BadInput(
             f"tune.evaluations: got {tune.evaluations}; at most tune.steps, {tune.steps}"
+        )
+    if tune.batch > 1 and tune.trials > MOST_BATCHES * tune.batch:
+        raise BadInput(
+            f"tune.batch: got {tune.batch}; {tune.trials} trials in at most {MOST_BATCHES} batches "
+            f"need at least {math.ceil(tune.trials / MOST_BATCHES)}, or 1"
         )
     check_jobs(config.engine)
     address = config.engine.address

@@ -54,18 +54,20 @@ def side_by_side(evidence: Evidence, tables: ScoreTables) -> Iterator[Table]:
 
 def _cost(evidence: Evidence, environment: str, level: str, model: str) -> list[Value]:
     """CPU seconds and peak memory of a fit with its search."""
-    stages = ("ensemble",) if model == ENSEMBLE else ("tune", "train")
+    stages = ("ensemble",) if model == ENSEMBLE else ("tune", "trial", "select", "train")
     path = [environment, level] if model == ENSEMBLE else [environment, level, model]
-    seconds: dict[str, list[float]] = {}
+    seconds: dict[str, dict[str, float]] = {}
     memory = []
     for name, cost in evidence.costs.items():
         stage, _, cell = name.partition(" ")
-        if stage in stages and cell.split("/")[:-1] == path:
-            seconds.setdefault(stage, []).append(cost.get("cpu_seconds", math.nan))
+        *cell_path, seed = cell.split("/")[: len(path) + 1]  # a trial has its number last
+        if stage in stages and cell_path == path:
+            by_seed = seconds.setdefault(stage, {})
+            by_seed[seed] = by_seed.get(seed, 0.0) + cost.get("cpu_seconds", math.nan)
             memory.append(cost.get("peak_memory", math.nan))
     trace = f"{'/'.join(path)}\ntimings.json: {' and '.join(stages)}"
     return [
-        figure(sum(map(fmean, seconds.values())) if seconds else None, trace, 0),
+        figure(sum(fmean(s.values()) for s in seconds.values()) if seconds else None, trace, 0),
         figure(max(memory) / MEGABYTE if memory else None, trace, 0),
     ]
 

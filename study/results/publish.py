@@ -102,11 +102,21 @@ def _failed(records: Records, store: Store) -> list[str]:
     ]
 
 
-def _fails(task: Task, store: Store) -> bool:
-    """Whether a task is incomplete because this task or one of its inputs failed."""
-    if store.reason_to_run(task) is None:
-        return False
-    return store.failure(task).exists() or any(_fails(t, store) for t in task.inputs.values())
+def _fails(task: Task, store: Store, known: dict[Task, bool] | None = None) -> bool:
+    """Whether a task is incomplete because this task or one of its inputs failed.
+
+    Args:
+        task: the task.
+        store: holds the folders of the tasks.
+        known: the answers for some tasks, since several tasks may have one input.
+    """
+    known = {} if known is None else known
+    if task not in known:
+        known[task] = store.reason_to_run(task) is not None and (
+            store.failure(task).exists()
+            or any(_fails(source, store, known) for source in task.inputs.values())
+        )
+    return known[task]
 
 
 def _inputs(config: Config, complete: Records, failed: list[str], store: Store) -> str:

@@ -1,18 +1,27 @@
 """Where Optuna stores the trials of a search: a journal file, or a database of all searches."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import optuna
 from optuna.exceptions import StorageInternalError, UpdateFinishedTrialError
+from optuna.samplers import PartialFixedSampler, RandomSampler
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool
 
 from study.common.errors import BadInput, StudyError
 from study.common.secrets import without_passwords
+from study.config.settings import Tune
+from study.config.stage_settings import Database
+from study.training.search import BETA, ENDED, suggest
 
+NUMBER = "trial"
+"""The attribute with the number of a trial that ran in a batch. The trials of a batch start in any
+order, so the numbers of Optuna differ from run to run."""
 CONNECT = {"postgresql": {"connect_timeout": 10}, "sqlite": {"timeout": 60}}
 """Arguments of a connection: seconds to wait for the server, or for the lock of the file."""
 
@@ -49,8 +58,97 @@ def database(url: str) -> BaseStorage:
         ) from None
 
 
+def open_search(storage: BaseStorage, name: str) -> optuna.Study:
+    """The search of this name, new or resumed."""
+    optuna.logging.enable_propagation()
+    optuna.logging.disable_default_handler()
+    return optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
+
+
+def shared_search(shared: Database) -> optuna.Study:
+    """The search in the database of the study.
+
+    Raises:
+        BadInput: the database cannot be used.
+    """
+    return open_search(database(shared.url), shared.search)
+
+
+def fail_running(search: optuna.Study, number: int | None = None) -> None:
+    """End the trials whose processes were killed.
+
+    Args:
+        search: whose trials are ended.
+        number: in its batches, of the one that is ended; None for all.
+    """
+    for trial in search.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        if number is None or trial.user_attrs.get(NUMBER) == number:
+            search.tell(trial.number, state=TrialState.FAIL)
+
+
+class ShownTrial:
+    """A trial of a batch in the database, to be seen there. No result depends on it.
+
+    Args:
+        search: in the database.
+        trial: of the search.
+    """
+
+    def __init__(self, search: optuna.Study, trial: optuna.Trial) -> None:
+        self._search, self._trial = search, trial
+
+    def report(self, value: float, step: int) -> None:
+        """Show an intermediate score."""
+        self._trial.report(value, step)
+
+    def end(self, ended: FrozenTrial) -> None:
+        """Show how the trial ended."""
+        value = ended.value if ended.state == TrialState.COMPLETE else None
+        self._search.tell(self._trial, value, state=ended.state)
+
+
 @contextmanager
-def explained(url: str | None) -> Iterator[None]:
+def shown_trial(
+    shared: Database | None, number: int, beta: float, tune: Tune
+) -> Iterator[ShownTrial | None]:
+    """Show a trial of a batch in the database of the study; it has failed if the block fails.
+
+    Args:
+        shared: the search; None without a database.
+        number: of the trial. Running trials with this number are ended, since a process that was
+            killed left them.
+        beta: of the trial.
+        tune: settings of the search.
+    """
+    if shared is None:
+        yield None
+        return
+    search = shared_search(shared)
+    fail_running(search, number)
+    search.sampler = PartialFixedSampler({BETA: beta}, RandomSampler())
+    trial = search.ask()
+    trial.set_user_attr(NUMBER, number)
+    suggest(trial, tune)
+    try:
+        yield ShownTrial(search, trial)
+    except BaseException:
+        with suppress(Exception):  # the database may be lost, or another process has ended it
+            search.tell(trial, state=TrialState.FAIL)
+        raise
+
+
+def complete_search(search: optuna.Study, trials: Sequence[FrozenTrial]) -> None:
+    """Add the trials that a search lacks, in their order. All running ones have failed."""
+    fail_running(search)
+    present = {trial.user_attrs.get(NUMBER) for trial in search.get_trials(states=ENDED)}
+    for number, trial in enumerate(trials):
+        if number not in present:
+            trial.set_user_attr(NUMBER, number)
+            search.add_trial(trial)
+
+
+@contextmanager
+def explained(shared: Database | None) -> Iterator[None]:
     """Explain the loss of the database in one line.
 
     Raises:
@@ -59,9 +157,9 @@ def explained(url: str | None) -> Iterator[None]:
     try:
         yield
     except (SQLAlchemyError, StorageInternalError) as error:
+        url = without_passwords(shared.url if shared else "")
         raise StudyError(
-            f"tune.storage: lost {without_passwords(url or '')}: {_reason(error)}; run the same "
-            "command again to go on"
+            f"tune.storage: lost {url}: {_reason(error)}; run the same command again to go on"
         ) from None
     except UpdateFinishedTrialError:
         raise StudyError(

@@ -15,7 +15,7 @@ TRAJECTORIES = 16
 
 
 def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
-    """Check the simulator of a stage collect, and the model of a stage tune or train.
+    """Check the simulator of a stage collect, and the model of a stage tune, trial or train.
 
     Args:
         task: the task that runs next.
@@ -34,7 +34,7 @@ def check_classes(task: Task, inputs: Mapping[str, Path]) -> None:
 
         simulator = simulators[task.settings["environment"]]
         check_foreign(simulator, task.settings["collect"]["horizon"])
-    elif task.stage == "tune" or (task.stage == "train" and "tuning" not in inputs):
+    elif task.stage in ("tune", "trial") or (task.stage == "train" and "tuning" not in inputs):
         _check_model(task.settings.get("fit", task.settings), inputs["data"])
 
 

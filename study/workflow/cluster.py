@@ -139,7 +139,7 @@ def accelerator(task: Task) -> str | None:
     if task.stage in ("evaluate", "validate"):
         has_network = "trained" in task.inputs or "ensemble" in task.inputs
         return own if own == "gpu" and has_network else None
-    if task.stage not in ("tune", "train"):
+    if task.stage not in ("tune", "trial", "train"):
         return None
     fit: Mapping[str, Any] = task.settings.get("fit", task.settings)
     return str(fit.get("model_settings", {}).get("train", {}).get("accelerator", "auto"))

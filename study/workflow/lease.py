@@ -36,6 +36,8 @@ RENEWALS = 5
 """Renewals of a lease in its duration."""
 LONGEST_PAUSE = 1.0
 """Seconds between two polls of a lease that another process holds, at most."""
+TOKEN = 6
+"""Bytes of the token of a holder."""
 NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 """Errors of a file system without hard links."""
 
@@ -140,7 +142,7 @@ class Lease:
 
     def __init__(self, path: Path, terms: Terms) -> None:
         self.path, self.terms = path, terms
-        self.token, self.attempt = token_hex(6), 1
+        self.token, self.attempt = token_hex(TOKEN), 1
         self._is_lost = False
         self._verified = 0.0
         self._ended = threading.Event()
@@ -244,7 +246,7 @@ class Lease:
             if not replaces:
                 try:
                     os.link(new, self.path)
-                except FileExistsError:
+                except (FileExistsError, FileNotFoundError):
                     pass  # another process was faster, or the reply of the file server was lost
                 except OSError as error:
                     if error.errno not in NO_HARD_LINKS:
@@ -276,6 +278,38 @@ class Lease:
 
     def _lost(self) -> str:
         return f"lease {self.path} was lost to {read_holder(self.path) or 'another process'}"
+
+
+class Watch:
+    """Watches a lease without taking it. The machine of its holder may be lost.
+
+    Args:
+        path: the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._observed, self._since = path, _observe(path), time.monotonic()
+
+    def has_expired(self) -> bool:
+        """Whether there is no lease, or its holder has not renewed it for its duration."""
+        current = _observe(self._path)
+        if current != self._observed:
+            self._observed, self._since = current, time.monotonic()
+        holder = None if current is None else _parse(current[0])
+        return holder is None or time.monotonic() - self._since > holder.seconds
+
+
+def remove_abandoned(folder: Path, name: str) -> None:
+    """Remove the files of processes that were killed while they took a lease in a folder.
+
+    A living process has such a file for milliseconds, and tries again if the file is removed.
+
+    Args:
+        folder: of the leases.
+        name: that of their files, with wildcards.
+    """
+    for path in folder.glob(f"{name}.{'[0-9a-f]' * TOKEN * 2}"):
+        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -18,8 +18,19 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from study.common.errors import BadInput, StudyError
-from study.workflow.lease import Lease, LeaseInUse, LeaseLost, Terms, read_holder, running_system
+from study.workflow.lease import (
+    Lease,
+    LeaseInUse,
+    LeaseLost,
+    Terms,
+    Watch,
+    read_holder,
+    remove_abandoned,
+    running_system,
+)
 
+LEASE = ".lock.json"
+"""The file of the lease of a folder."""
 LONGEST_WAIT = 0.2
 """Seconds to wait for a lock that `is_locked` may hold."""
 TERMS = Terms(seconds=60.0)
@@ -70,23 +81,27 @@ def locked(folder: Path, terms: Terms = TERMS) -> Iterator[Lock]:
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-    lease = Lease(folder / ".lock.json", terms)
+    lease = Lease(folder / LEASE, terms)
     try:
         lease.take()
     except LeaseInUse:
         lock.release()
         raise _in_use(folder) from None
     try:
+        remove_abandoned(folder, LEASE)
         yield Lock(folder, lease)
     finally:
         lease.release()
         lock.release()
 
 
-def is_locked(folder: Path) -> bool:
+def is_locked(folder: Path, watch: Watch | None = None) -> bool:
     """Whether a run holds the folder, as far as this machine knows. Nothing is written.
 
-    A run that another machine lost counts until the next run takes the folder over.
+    Args:
+        folder: a results folder.
+        watch: from `watch`, since when the folder is observed. Without it, a run whose machine was
+            lost counts until the next run takes the folder over.
     """
     try:
         with (folder / ".lock").open("rb") as file:
@@ -97,8 +112,14 @@ def is_locked(folder: Path) -> bool:
         return True
     except OSError:  # there is no lock, or the file cannot be opened
         pass
-    holder = read_holder(folder / ".lock.json")
-    return holder is not None and holder.system != running_system()
+    holder = read_holder(folder / LEASE)
+    is_elsewhere = holder is not None and holder.system != running_system()
+    return is_elsewhere and not (watch is not None and watch.has_expired())
+
+
+def watch(folder: Path) -> Watch:
+    """Observe from now on whether the run that holds a folder lives."""
+    return Watch(folder / LEASE)
 
 
 def _in_use(folder: Path) -> BadInput:
@@ -107,6 +128,6 @@ def _in_use(folder: Path) -> BadInput:
 
 def _describe(folder: Path) -> str:
     try:
-        return str(read_holder(folder / ".lock.json") or "another run")
+        return str(read_holder(folder / LEASE) or "another run")
     except OSError:
         return "another run"

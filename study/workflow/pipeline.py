@@ -3,6 +3,8 @@
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
        └─► record_data ────────────────────────────────────►┘
 
+With `tune.batch`, a task `trial` for each trial and the task `select` stand in place of `tune`.
+
 A task depends on its settings, on its input tasks, and on the source of its stage, environment and
 model. It depends on nothing else. Data or an ensemble that several cells share is one task. Within
 `study.workflow`, only this module uses the registries of environments and models.
@@ -24,8 +26,10 @@ from study.config.stage_settings import (
     EvaluateSettings,
     RecordDataSettings,
     RecordSettings,
+    SelectSettings,
     TrainingSet,
     TrainSettings,
+    TrialSettings,
     TuneSettings,
     ValidateSettings,
 )
@@ -45,6 +49,7 @@ class Pipeline:
 
     def __init__(self, config: Config) -> None:
         self.config = config
+        self._searches: dict[Cell, Task] = {}
         for environment in config.grid.environments:
             self._system(environment)
         for model in config.grid.models:
@@ -74,9 +79,11 @@ class Pipeline:
         return self._task("ensemble", label, settings, data=self.collect(cell.environment))
 
     def tune(self, cell: Cell) -> Task:
-        """The search for β of one cell."""
-        settings = TuneSettings(self._fit(cell, "tune"), self.config.tune)
-        return self._task("tune", cell.name, settings, [models[cell.model]], **self._sources(cell))
+        """The search for β of one cell: one task, or the last one of a search in batches."""
+        if cell not in self._searches:
+            settings = TuneSettings(self._fit(cell, "tune"), self.config.tune)
+            self._searches[cell] = self._search(cell, settings)
+        return self._searches[cell]
 
     def train(self, cell: Cell) -> Task:
         """The fit of one cell's model."""
@@ -178,6 +185,23 @@ class Pipeline:
         settings = replace(settings, train=model.training_options(settings))
         seed = derive(cell.name, purpose)
         return TrainSettings(self._training_set(cell), cell.model, to_json(settings), seed)
+
+    def _search(self, cell: Cell, settings: TuneSettings) -> Task:
+        """The task `tune`, or `select` after a task `trial` for each trial."""
+        tune, classes, sources = settings.tune, [models[cell.model]], self._sources(cell)
+        if tune.batch == 1:
+            return self._task("tune", cell.name, settings, classes, **sources)
+        trials: dict[str, Task] = {}
+        for first in range(0, tune.trials, tune.batch):
+            inputs = sources | trials
+            for number in range(first, min(first + tune.batch, tune.trials)):
+                name = f"trial-{number}"
+                of_trial = TrialSettings(settings.fit, tune, number=number)
+                trials[name] = self._task(
+                    "trial", f"{cell.name}/{name}", of_trial, classes, **inputs
+                )
+        selection = SelectSettings(settings.fit.model, tune)
+        return self._task("select", cell.name, selection, (), **trials)
 
     def _sources(self, cell: Cell) -> dict[str, Task]:
         sources = {"data": self.collect(cell.environment)}

@@ -22,6 +22,7 @@ from typing import Any
 from study.common.files import read_json, sha256, write_json
 from study.common.provenance import MANIFEST
 from study.common.read_back import read_back
+from study.workflow.lease import remove_abandoned
 from study.workflow.task import Task
 
 TIMING = "timing.json"
@@ -37,6 +38,7 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self._newest: dict[str, tuple[int, Mapping[str, Path]]] = {}
 
     def folder(self, task: Task) -> Path:
         """The folder of the task's complete output."""
@@ -63,10 +65,12 @@ class Store:
         """The file in which a running task reports its progress."""
         return self.log(task).with_suffix(".progress")
 
-    def remove_progress(self) -> None:
-        """Remove the progress files that killed tasks left."""
+    def remove_leftovers(self) -> None:
+        """Remove the progress files and the unfinished leases that killed tasks left."""
         for path in (self.root / "logs").glob("*.progress"):
             path.unlink(missing_ok=True)
+        for folder in self.root.glob("[!.]*/"):
+            remove_abandoned(folder, ".*.lease")
 
     def failure(self, task: Task) -> Path:
         """The file with the error of the task's last run, in one line; missing if it succeeded."""
@@ -214,23 +218,42 @@ class Store:
 
     def _why_missing(self, task: Task) -> str:
         """Compare with the newest folder of the same stage and label, if there is one."""
-        newest, previous = -1.0, None
-        for path in (self.root / task.stage).glob(f"*/{MANIFEST}"):
-            try:
-                manifest = read_json(path)
-                if manifest["label"] == task.label and path.stat().st_mtime > newest:
-                    newest, previous = path.stat().st_mtime, manifest
-            except (OSError, ValueError, KeyError, TypeError):
-                continue
-        if previous is None:
+        try:
+            previous = read_json(self._newest_manifests(task.stage)[task.label])
+            changes = _differences(previous["settings"], _as_json(task))
+        except (OSError, ValueError, KeyError, TypeError):
             return "missing"
-        changes = _differences(previous["settings"], _as_json(task))
         if changes:
             return f"config changed: {'; '.join(changes[:3])}{' …' if len(changes) > 3 else ''}"
         if modules := _changed(previous.get("source", {}), task.source):
             return f"source changed: {', '.join(modules[:3])}{' …' if len(modules) > 3 else ''}"
         inputs = [n for n, t in task.inputs.items() if previous["inputs"].get(n) != t.key]
         return f"input changed: {', '.join(inputs)}" if inputs else "missing"
+
+    def _newest_manifests(self, stage: str) -> Mapping[str, Path]:
+        """The manifest of the newest folder of each label of a stage.
+
+        They are read again only if the folder of the stage has changed, since a large study asks
+        for thousands of tasks.
+        """
+        folder = self.root / stage
+        changed = folder.stat().st_mtime_ns
+        if stage not in self._newest or self._newest[stage][0] != changed:
+            self._newest[stage] = changed, _newest_manifests(folder)
+        return self._newest[stage][1]
+
+
+def _newest_manifests(folder: Path) -> Mapping[str, Path]:
+    """The newest manifest in the folder of a stage, by label."""
+    found: dict[str, tuple[float, Path]] = {}
+    for path in folder.glob(f"*/{MANIFEST}"):
+        try:
+            label, modified = read_json(path)["label"], path.stat().st_mtime
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+        if label not in found or modified > found[label][0]:
+            found[label] = modified, path
+    return {label: path for label, (_, path) in found.items()}
 
 
 def _modified(path: Path) -> float:

@@ -61,6 +61,8 @@ def topological_order(last: Iterable[Task]) -> list[Task]:
     ordered: dict[Task, None] = {}
 
     def visit(task: Task) -> None:
+        if task in ordered:
+            return
         for source in task.inputs.values():
             visit(source)
         ordered.setdefault(task)

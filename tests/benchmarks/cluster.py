@@ -10,6 +10,7 @@ of a worker for the lease and the folder of a stage. Dask's own cost is not in i
 has about a millisecond for each task.
 """
 
+import json
 import random
 import tempfile
 import time
@@ -23,6 +24,7 @@ from unittest import mock
 
 from study.commands.settings import CONFIGS
 from study.common.files import read_json
+from study.common.provenance import MANIFEST
 from study.workflow.lease import Terms, hold
 from study.workflow.scheduler import run_tasks
 from study.workflow.store import Store
@@ -44,6 +46,8 @@ LOSSES = (0.0, 0.05, 0.2)
 """Probabilities that the worker of a stage is lost."""
 ERRORS = 0.002
 """Probability that a stage fails by its own error."""
+PLANNED = (1000, 10000)
+"""Numbers of stages for which the cost of `plan` is measured."""
 REPEATS = 200
 """Stages of which the cost of lease and folder is measured."""
 
@@ -171,6 +175,22 @@ def worker_cost() -> float:
         return (time.process_time() - began) / REPEATS
 
 
+def reason_cost(count: int) -> float:
+    """Processor seconds of `plan` for each of `count` tasks, all of which have changed settings."""
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        for number in range(count):
+            done = Task("train", str(number), {"number": number, "steps": 1})
+            out = Store(root).folder(done)
+            out.mkdir(parents=True)
+            facts = {"label": done.label, "settings": dict(done.settings), "inputs": {}}
+            (out / MANIFEST).write_text(json.dumps(facts))
+        store, began = Store(root), time.process_time()
+        for number in range(count):
+            assert store.reason_to_run(Task("train", str(number), {"number": number, "steps": 2}))
+        return (time.process_time() - began) / count
+
+
 def main() -> None:
     """Measure, print and save."""
     tasks, rows = study_tasks(), []
@@ -190,6 +210,8 @@ def main() -> None:
             f"{row['worker_ms']:.2f} ms: {row['our_share']:.3%} of the workers' time",
             flush=True,
         )
+    costs = {count: 1000 * reason_cost(count) for count in PLANNED}
+    print(", ".join(f"plan of {n:,} stages: {ms:.2f} ms a stage" for n, ms in costs.items()))
     save("cluster", rows)
 
 

@@ -25,6 +25,7 @@ def test_the_work_of_each_stage() -> None:
     train = fit(100, 24).settings
     tune = Task("tune", "a", {"fit": train, "tune": {"trials": 3, "steps": 10}})
     assert work(tune) == 60
+    assert work(Task("trial", "a", tune.settings)) == 20
     ensemble = Task("ensemble", "a", {"ensemble": {"steps": 10, "batch_size": 6}})
     assert work(ensemble) == 5
     evaluate = Task("evaluate", "a", {"evaluate": {"samples": 7}}, {"data": data})

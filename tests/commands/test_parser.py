@@ -31,6 +31,7 @@ BAD = [
     (["all", "--collect.trajectories", "5"], "level high needs at least 2"),
     (["all", "--train.learning_rate", "0"], "train.learning_rate: got 0"),
     (["all", "--tune.beta_low", "2", "--tune.beta_high", "1"], "at most tune.beta_high"),
+    (["all", "--tune.trials", "101", "--tune.batch", "2"], "at most 50 batches need at least 3"),
     (["all", "--ensemble.cross_fit", "true", "--ensemble.members", "1"], "needs at least 2"),
     (["all", "--vae.teacher_forcing", "alway"], "did you mean 'always'?"),
     (["all", "--engine.kind", "dusk"], "did you mean 'dask'?"),

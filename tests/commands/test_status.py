@@ -7,6 +7,7 @@ import re
 import shutil
 import socket
 import subprocess
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from study.common.files import read_json, write_json
 from study.common.progress import Progress
 from study.workflow import meter
 from study.workflow.lease import Terms, hold
-from study.workflow.lock import locked
+from study.workflow.lock import LEASE, is_locked, locked
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import record_tasks, topological_order
@@ -150,7 +151,7 @@ def test_where_a_stage_runs_since_when_and_how_often_it_was_tried(copied: Path) 
         assert (first.attempt, second.attempt) == (1, 2)
         lines = study("status", *SMALL, "--out", copied).out.splitlines()
     (head,) = [line.split() for line in lines if " where " in line]
-    assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds"]
+    assert head == ["stage", "for", "state", "where", "since", "attempt", "seconds", "device"]
     (shown,) = [line for line in lines if "running 25% step 5" in line]
     assert f"{socket.gethostname()}, process {os.getpid()}" in shown
     assert re.search(r"  \d\d:\d\d:\d\d +2 *$", shown)
@@ -168,10 +169,23 @@ def test_follow_ends_with_the_run(copied: Path) -> None:
     assert out.count("cost of the stages") == 1
 
 
+def test_follow_ends_if_the_machine_of_the_run_was_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(status, "INTERVAL", 0.1)
+    with locked(tmp_path, Terms(seconds=0.5)):
+        left = read_json(tmp_path / LEASE) | {"system": "elsewhere"}
+    write_json(tmp_path / LEASE, left)
+    began = time.monotonic()
+    status._follow(Table, tmp_path, Console(file=io.StringIO()))
+    assert 0.5 < time.monotonic() - began < 5
+    assert is_locked(tmp_path)
+
+
 def test_follow_draws_again_in_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The run ends while the table is shown for the second time."""
     states = iter([True, True, False])
-    monkeypatch.setattr(status, "is_locked", lambda _: next(states))
+    monkeypatch.setattr(status, "is_locked", lambda *_: next(states))
     monkeypatch.setattr(status, "INTERVAL", 0.01)
     drawn = iter(range(10))
     terminal = Console(file=io.StringIO(), force_terminal=True)

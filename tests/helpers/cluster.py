@@ -11,8 +11,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from tests.helpers.link import Link
 from tests.helpers.running import ROOT
 
+LINKED = 2
+"""The worker at the other end of the link of a cluster."""
 LONGEST_START = 120.0
 """Seconds for a scheduler or a worker to start on a busy machine."""
 
@@ -27,6 +30,7 @@ class Cluster:
         environment: variables of the processes.
         options: of every worker, such as ``--resources GPU=1``.
         protocol: `tcp`, or `tls` with certificates that the environment names.
+        link: between the scheduler and the worker `LINKED`.
     """
 
     def __init__(
@@ -37,8 +41,10 @@ class Cluster:
         environment: dict[str, str] | None = None,
         options: tuple[str, ...] = (),
         protocol: str = "tcp",
+        link: Link | None = None,
     ) -> None:
         self.folder, self.options, self._protocol = folder, options, protocol
+        self._link = link or Link()
         self._environment = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | (environment or {})
         self._ttl = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{worker_ttl}s"}
         self.workers: dict[int, subprocess.Popen[bytes]] = {}
@@ -76,8 +82,8 @@ class Cluster:
         """Start a scheduler, and wait for its address."""
         self._address_file.unlink(missing_ok=True)
         self.scheduler = self._start(
-            "scheduler", f"--host={self._protocol}://127.0.0.1", f"--port={port}",
-            "--no-dashboard", **self._ttl,
+            "scheduler", f"--host={self._protocol}://{self._link.host}", f"--port={port}",
+            "--no-dashboard", prefix=(), **self._ttl,
         )  # fmt: skip
         self._wait(self._address_file, self.scheduler)
         return self.scheduler
@@ -90,9 +96,12 @@ class Cluster:
             options: further ones of the worker.
             environment: further variables.
         """
+        is_linked = name == LINKED
         process = self._start(
             "worker", "--no-nanny", "--nthreads=1", "--no-dashboard", f"--name={name}",
-            "--memory-limit=0", *self.options, *options, log=f"worker-{name}", **environment,
+            "--memory-limit=0", *self.options, *options, log=f"worker-{name}",
+            scheduler=self._link.address(self.address) if is_linked else "",
+            prefix=self._link.prefix if is_linked else (), **environment,
         )  # fmt: skip
         self.workers[name] = process
 
@@ -117,15 +126,21 @@ class Cluster:
         subprocess.run([sys.executable, "-c", code, str(self._address_file)], check=True)
 
     def _start(
-        self, kind: str, *arguments: str, log: str = "", **environment: str
+        self,
+        kind: str,
+        *arguments: str,
+        log: str = "",
+        scheduler: str = "",
+        prefix: tuple[str, ...] = (),
+        **environment: str,
     ) -> "subprocess.Popen[bytes]":
         folder = self.folder / (log or kind)
         folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / f"{log or kind}.log").open("ab") as output:
             command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments]
-            file = f"--scheduler-file={self._address_file}"
+            found = scheduler or f"--scheduler-file={self._address_file}"
             return subprocess.Popen(
-                [*command, file],
+                [*prefix, *command, found],
                 cwd=folder,
                 env=os.environ | self._environment | environment,
                 stdout=output,

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,9 @@ from study.recording import catalog as module
 from study.recording.catalog import Catalog, catalog
 from study.recording.forecast import record_forecast
 from study.recording.tuning import record_tuning
+from study.run import TERMINATED
 from tests.helpers import recordings
+from tests.helpers.running import start
 
 README = Path(module.__file__).with_name("README.md")
 LOW, HIGH = "uav/low/residual_vae/seed-0", "uav/high/residual_vae/seed-0"
@@ -45,6 +48,24 @@ def served(folder: Path) -> Iterator[Catalog]:
     pytest.importorskip("datafusion", reason="needs the extra catalog: pip install -e '.[catalog]'")
     with catalog(folder, NUMBERS) as started:
         yield started
+
+
+def test_sigterm_leaves_no_temporary_folder(folder: Path, tmp_path: Path) -> None:
+    """The process is one of the command `catalog`."""
+    pytest.importorskip("datafusion")
+    out, temporary = tmp_path / "out", tmp_path / "tmp"
+    shutil.copytree(folder, out / "recordings")
+    (out / "study.json").write_text("{}")
+    temporary.mkdir()
+    process = start("catalog", "--out", out, TMPDIR=str(temporary))
+    assert process.stdout is not None
+    while "Ctrl-C" not in (line := process.stdout.readline()):
+        assert line or process.poll() is None, process.communicate()
+    assert list(temporary.glob("study-catalog-*"))
+    process.terminate()
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (TERMINATED, "")
+    assert not list(temporary.iterdir())
 
 
 def dataset(served: Catalog, name: str) -> Any:

@@ -17,8 +17,8 @@ from study.common.files import read_json
 from study.config.convert import from_json
 from study.config.grid import Cell
 from study.config.stage_settings import TuneSettings
-from study.stages import tune as stage
-from study.stages.tune import sampler, trial_to_json
+from study.training import search as search_for_beta
+from study.training.search import sampler, trial_to_json
 from study.workflow.pipeline import Pipeline
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -68,7 +68,7 @@ def test_the_device_is_chosen_once(
         measured.append(arguments)
         return torch.device(chosen)
 
-    monkeypatch.setattr(stage, "fit_device", fit_device)
+    monkeypatch.setattr(search_for_beta, "fit_device", fit_device)
     start: Any = Mock()
     start.train.accelerator = "auto"
     storage = JournalStorage(JournalFileBackend(str(tmp_path / "journal.log")))
@@ -77,15 +77,15 @@ def test_the_device_is_chosen_once(
     for _ in range(2):
         search = optuna.load_study(storage=storage, study_name="beta")
         # Without a GPU nothing is stored, so a journal is the same as ever.
-        monkeypatch.setattr(stage, "gpu", lambda accelerator: None)
+        monkeypatch.setattr(search_for_beta, "gpu", lambda accelerator: None)
         stored = dict(search.user_attrs)
-        assert stage._settled_accelerator(search, start, 3) == "auto"
+        assert search_for_beta._settled_accelerator(search, start, 3) == "auto"
         assert search.user_attrs == stored
-        monkeypatch.setattr(stage, "gpu", lambda accelerator: torch.device("cuda"))
-        assert stage._settled_accelerator(search, start, 3) == expected
+        monkeypatch.setattr(search_for_beta, "gpu", lambda accelerator: torch.device("cuda"))
+        assert search_for_beta._settled_accelerator(search, start, 3) == expected
     assert len(measured) == 1
     start.train.accelerator = "gpu"
-    assert stage._settled_accelerator(search, start, 3) == "gpu"
+    assert search_for_beta._settled_accelerator(search, start, 3) == "gpu"
 
 
 @pytest.mark.parametrize("environment", ["pusher", "uav"])

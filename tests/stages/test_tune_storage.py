@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import optuna
@@ -14,6 +13,7 @@ from sqlalchemy.exc import OperationalError
 from study.common.errors import BadInput, StudyError
 from study.common.secrets import without_passwords
 from study.config.grid import Cell
+from study.config.stage_settings import Database
 from study.config.tree import to_json
 from study.training.search_storage import database, explained
 from study.workflow.lease import Terms, hold
@@ -21,24 +21,11 @@ from study.workflow.pipeline import Pipeline
 from study.workflow.searches import with_database
 from study.workflow.store import Store
 from study.workflow.worker import execute
-from tests.helpers.postgres import PASSWORD, postgres, programs
+from tests.helpers.postgres import PASSWORD
 from tests.helpers.running import SMALL, configuration, study
 
 CELL = Cell("cart", "low", "full_vae", 0)
 UNREACHABLE = f"postgresql://me:{PASSWORD}@127.0.0.1:1/study"
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    """The URL of an empty database."""
-    if request.param == "sqlite":
-        yield f"sqlite:///{tmp_path}/trials.db"
-        return
-    pytest.importorskip("psycopg")
-    if programs() is None:
-        pytest.skip("PostgreSQL is not installed: apt-get install postgresql")
-    with postgres() as address:
-        yield address
 
 
 def test_the_same_beta_as_with_the_journal(small: Path, tmp_path: Path, url: str) -> None:
@@ -131,7 +118,7 @@ def test_a_database_that_is_lost_during_a_search() -> None:
     cause = OperationalError("SELECT 1", {}, Exception("server closed the connection"))
     with (
         pytest.raises(StudyError, match=r"lost postgresql://me:\*\*\*@.*run the same command"),
-        explained(UNREACHABLE),
+        explained(Database(UNREACHABLE, "a search")),
     ):
         raise StorageInternalError("An exception is raised during the commit.") from cause
 

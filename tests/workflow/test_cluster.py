@@ -190,6 +190,7 @@ def test_fits_ask_for_their_accelerator(wanted: str) -> None:
     fit = {"model_settings": {"train": {"accelerator": wanted}}}
     assert accelerator(Task("train", "a", fit)) == wanted
     assert accelerator(Task("tune", "a", {"fit": fit})) == wanted
+    assert accelerator(Task("trial", "a", {"fit": fit})) == wanted
     ensemble = Task("ensemble", "a", {"accelerator": wanted})
     assert accelerator(ensemble) == wanted
     for stage in ("evaluate", "validate"):

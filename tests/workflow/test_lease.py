@@ -11,7 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from study.workflow.lease import Holder, Lease, LeaseInUse, LeaseLost, Terms, hold, read_holder
+from study.workflow.lease import (
+    Holder,
+    Lease,
+    LeaseInUse,
+    LeaseLost,
+    Terms,
+    Watch,
+    hold,
+    read_holder,
+    remove_abandoned,
+)
 from tests.helpers.running import ROOT
 
 SHORT = Terms(seconds=1.0, run="a run")
@@ -99,6 +109,38 @@ def test_another_machine_is_waited_for(path: Path) -> None:
     began = time.monotonic()
     with hold(path, SHORT, lambda holder: None):
         assert time.monotonic() - began > SHORT.seconds
+
+
+def test_a_lease_that_is_watched_expires_without_renewals(
+    path: Path, other: "subprocess.Popen[str]"
+) -> None:
+    observed = Watch(path)
+    time.sleep(1.5)
+    assert not observed.has_expired()
+    os.kill(other.pid, signal.SIGSTOP)  # as if its machine were lost
+    assert not observed.has_expired()
+    time.sleep(1.1)
+    assert observed.has_expired()
+    path.unlink()
+    assert observed.has_expired()
+
+
+def test_a_process_whose_new_file_is_removed_tries_again(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process believes that this one was killed while it took the lease."""
+    link, calls = os.link, []
+
+    def remove_first(new: Path, target: Path) -> None:
+        calls.append(new)
+        if len(calls) == 1:
+            remove_abandoned(path.parent, ".*.lease")
+        link(new, target)
+
+    monkeypatch.setattr(os, "link", remove_first)
+    with hold(path, SHORT) as lease:
+        lease.verify()
+    assert len(calls) == 2
 
 
 def test_attempts_of_another_run_do_not_count(path: Path, other: "subprocess.Popen[str]") -> None:

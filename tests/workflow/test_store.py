@@ -1,5 +1,6 @@
 """Folders named by what made them: whole or not there, and found out when damaged."""
 
+import os
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 
 from study.common.errors import StudyError
+from study.common.files import read_json
 from study.common.provenance import MANIFEST
 from study.workflow.lease import LeaseLost
 from study.workflow.store import Store
@@ -173,9 +175,41 @@ def test_why_it_has_to_run_says_what_changed(store: Store) -> None:
     assert store.reason_to_run(Task("train", "another", {})) == "missing"
 
 
-def test_progress_of_killed_tasks_is_forgotten(store: Store) -> None:
-    path = store.progress(task())
-    path.parent.mkdir(parents=True)
-    path.write_text("{}")
-    store.remove_progress()
-    assert not path.exists()
+def test_the_newest_folder_of_a_label_is_compared(store: Store) -> None:
+    """Folders that are written after the first answer count."""
+    os.utime(finish(store, task(1)) / MANIFEST, (0, 0))
+    assert store.reason_to_run(task(4)) == "config changed: train.steps 1 → 4"
+    os.utime(finish(store, task(2)) / MANIFEST, (2, 2))
+    os.utime(finish(store, task(3)) / MANIFEST, (1, 1))
+    os.utime(store.root / "train")
+    assert store.reason_to_run(task(4)) == "config changed: train.steps 2 → 4"
+
+
+def test_the_cost_of_a_reason_does_not_grow_with_the_study(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count, opened = 20, list[Path]()
+
+    def read(path: Path) -> Any:
+        opened.append(path)
+        return read_json(path)
+
+    def steps(value: int) -> list[Task]:
+        return [Task("train", f"cell-{n}", {"n": n, "steps": value}) for n in range(count)]
+
+    for done in steps(1):
+        finish(store, done)
+    monkeypatch.setattr("study.workflow.store.read_json", read)
+    reasons = {store.reason_to_run(due) for due in steps(2)}
+    assert reasons == {"config changed: steps 1 → 2"}
+    assert len(opened) == 2 * count  # once for the labels, and once for each task
+
+
+def test_leftovers_of_killed_tasks_are_removed(store: Store) -> None:
+    progress, lease = store.progress(task()), store.lease(task())
+    for path in (progress, lease, lease.with_name(f"{lease.name}.0123456789ab")):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("{}")
+    store.remove_leftovers()
+    assert not progress.exists()
+    assert list(lease.parent.iterdir()) == [lease]
