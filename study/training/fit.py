@@ -1,8 +1,9 @@
 """Fit any network of the study: a Lightning Trainer with early stopping and a CSV log."""
 
 import shutil
+import signal
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,24 @@ class Bfloat16(MixedPrecision):
         yield
 
 
+@contextmanager
+def _interruptible() -> Generator[None, None, None]:
+    """Leave Ctrl-C to `study.run`. Lightning would end the process with exit code 1.
+
+    Raises:
+        KeyboardInterrupt: Lightning has stopped the fit because of Ctrl-C.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    except SystemExit as end:
+        if not isinstance(end.__context__, KeyboardInterrupt):
+            raise
+        with suppress(ValueError):  # only the main thread may set a handler
+            signal.signal(signal.SIGINT, handler)
+        raise end.__context__ from None
+
+
 class ReportProgress(Callback):
     """Reports the share of optimiser steps that are done."""
 
@@ -146,7 +165,8 @@ def fit(
         enable_progress_bar=False,
         enable_model_summary=False,
     )
-    trainer.fit(model, data)
+    with _interruptible():
+        trainer.fit(model, data)
     if options.patience and best.best_model_path:
         model.load_state_dict(torch.load(best.best_model_path, map_location="cpu")["state_dict"])
     shutil.rmtree(checkpoints, ignore_errors=True)

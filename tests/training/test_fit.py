@@ -1,5 +1,6 @@
-"""What a fit logs."""
+"""What a fit logs, its precision, and its end by Ctrl-C."""
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -72,3 +73,17 @@ def test_validation_is_in_float32(tmp_path: Path) -> None:
     options = FitOptions(0, 2, 2, 1, clip=None, accelerator="cpu", precision="bf16")
     fit(network, data_module(network.data_streams), tmp_path, Progress(), options)
     assert set(modes) == {(True, True), (False, False)}
+
+
+def test_ctrl_c_interrupts_a_fit(tmp_path: Path) -> None:
+    """Lightning alone would end the process with exit code 1, and ignore the next Ctrl-C."""
+
+    def interrupt(*_: object) -> float:
+        raise KeyboardInterrupt
+
+    handler = signal.getsignal(signal.SIGINT)
+    score = LogForecastScore(interrupt)
+    options = FitOptions(0, 2, 2, None, accelerator="cpu")
+    with pytest.raises(KeyboardInterrupt):
+        fit(model("probabilistic_mlp"), data_module(), tmp_path, Progress(), options, [score])
+    assert signal.getsignal(signal.SIGINT) is handler
