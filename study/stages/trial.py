@@ -12,7 +12,7 @@ from study.common.files import read_json, write_json
 from study.common.progress import Progress
 from study.config.stage_settings import TrialSettings
 from study.training.search import propose, run_trial, trial_from_json, trial_to_json
-from study.training.search_storage import explained, shown_trial
+from study.training.search_storage import database_trial, explained
 
 
 def run(settings: TrialSettings, inputs: Mapping[str, Path], out: Path, progress: Progress) -> None:
@@ -24,9 +24,9 @@ def run(settings: TrialSettings, inputs: Mapping[str, Path], out: Path, progress
     search, trial, beta = propose(history, number, settings)
     with (
         explained(settings.database),
-        shown_trial(settings.database, number, beta, tune) as shown,
+        database_trial(settings.database, number, beta, tune) as trial_copy,
     ):
-        ended = run_trial(search, trial, beta, settings, inputs, out, progress, shown)
-        if shown is not None:
-            shown.end(ended)
+        ended = run_trial(search, trial, beta, settings, inputs, out, progress, trial_copy)
+        if trial_copy is not None:
+            trial_copy.end(ended)
     write_json(out / "trial.json", trial_to_json(number, ended))

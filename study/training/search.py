@@ -30,14 +30,18 @@ from study.training.validation import LogForecastScore
 BETA = "beta"
 """The parameter of a trial."""
 ACCELERATOR = "accelerator"
-"""The search's attribute with the choice of `auto`."""
+"""The attribute of a search with the accelerator that `auto` chose."""
 STATES = {"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED}
 """The states of a trial that has ended, by their names in files."""
 ENDED = tuple(STATES.values())
 
 
-class Reported(Protocol):
-    """A trial of Optuna."""
+optuna.logging.enable_propagation()  # to the log file of the stage, and not to the terminal
+optuna.logging.disable_default_handler()
+
+
+class TrialCopy(Protocol):
+    """A copy of a trial, such as the one in the database of the study."""
 
     def report(self, value: float, step: int) -> None:
         """Store an intermediate score."""
@@ -51,7 +55,7 @@ def suggest(trial: optuna.Trial, tune: Tune) -> float:
 def propose(
     history: Sequence[FrozenTrial], number: int, settings: TuneSettings
 ) -> tuple[optuna.Study, optuna.Trial, float]:
-    """The trial `number` of a search whose trials run in batches.
+    """Propose the trial `number` of a search whose trials run in batches.
 
     The trials of its batch before it count as running. The sampler chooses the next β away from
     theirs (constant liar). So the β depends on the batches before, and on nothing else.
@@ -81,7 +85,7 @@ def run_trial(
     inputs: Mapping[str, Path],
     out: Path,
     progress: Progress,
-    shown: Reported | None = None,
+    trial_copy: TrialCopy | None = None,
 ) -> FrozenTrial:
     """Fit a trial, and end it in its search.
 
@@ -93,12 +97,12 @@ def run_trial(
         inputs: the folders of the data, and of the ensemble if the model uses one.
         out: a folder for temporary files.
         progress: called with the fraction done.
-        shown: is told the intermediate scores as well.
+        trial_copy: gets the intermediate scores as well.
 
     Raises:
         StudyError: the score is not finite.
     """
-    report = ReportToOptuna(trial, shown)
+    report = ReportToOptuna(trial, trial_copy)
     score = _short_fit(beta, settings, inputs, out, progress, report, search)
     if report.pruned:
         return search.tell(trial, state=TrialState.PRUNED)
@@ -144,19 +148,19 @@ class ReportToOptuna(Callback):
     """Reports every validation score to Optuna, and stops a trial that Optuna prunes.
 
     Args:
-        trial: whose search decides.
-        shown: is told the scores as well.
+        trial: its search decides whether it is pruned.
+        trial_copy: gets the scores as well.
     """
 
-    def __init__(self, trial: optuna.Trial, shown: Reported | None = None) -> None:
-        self.trial, self.shown, self.pruned = trial, shown, False
+    def __init__(self, trial: optuna.Trial, trial_copy: TrialCopy | None = None) -> None:
+        self.trial, self.trial_copy, self.pruned = trial, trial_copy, False
 
     def on_validation_end(self, trainer: L.Trainer, _: L.LightningModule) -> None:
         """After each validation."""
         score = float(trainer.callback_metrics["validation_score"])
         self.trial.report(score, trainer.global_step)
-        if self.shown is not None:
-            self.shown.report(score, trainer.global_step)
+        if self.trial_copy is not None:
+            self.trial_copy.report(score, trainer.global_step)
         if self.trial.should_prune():
             self.pruned = trainer.should_stop = True
 
@@ -201,7 +205,7 @@ def _short_fit(
 
 
 def _settled_accelerator(search: optuna.Study, start: FitInputs, steps: int) -> str:
-    """The accelerator of all trials: `auto` is measured once, and a resumed search goes on with it.
+    """The accelerator of all trials. `auto` is measured once; a resumed search keeps the choice.
 
     Args:
         search: stores the choice, if there is one.
@@ -227,9 +231,9 @@ def _trial_settings(settings: TuneSettings) -> TrainSettings:
 
 
 def result_to_json(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The content of ``tuning.json``: the best β and its score, and all trials as JSON."""
+    """The content of ``tuning.json``: the best β and its score, and all trials."""
     complete = [trial for trial in trials if trial["state"] == "complete"]
-    best = min(complete, key=lambda trial: float(trial["score"]))  # of equal ones the first
+    best = min(complete, key=lambda trial: float(trial["score"]))  # the first one of a tie
     return {BETA: best[BETA], "score": best["score"], "trials": list(trials)}
 
 

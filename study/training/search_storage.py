@@ -60,8 +60,6 @@ def database(url: str) -> BaseStorage:
 
 def open_search(storage: BaseStorage, name: str) -> optuna.Study:
     """The search of this name, new or resumed."""
-    optuna.logging.enable_propagation()
-    optuna.logging.disable_default_handler()
     return optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
 
 
@@ -79,15 +77,15 @@ def fail_running(search: optuna.Study, number: int | None = None) -> None:
 
     Args:
         search: whose trials are ended.
-        number: in its batches, of the one that is ended; None for all.
+        number: of the trial of a batch that is ended; None ends all.
     """
     for trial in search.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
         if number is None or trial.user_attrs.get(NUMBER) == number:
             search.tell(trial.number, state=TrialState.FAIL)
 
 
-class ShownTrial:
-    """A trial of a batch in the database, to be seen there. No result depends on it.
+class DatabaseTrial:
+    """The copy of a trial in the database, for the dashboard. No result depends on it.
 
     Args:
         search: in the database.
@@ -98,25 +96,25 @@ class ShownTrial:
         self._search, self._trial = search, trial
 
     def report(self, value: float, step: int) -> None:
-        """Show an intermediate score."""
+        """Store an intermediate score."""
         self._trial.report(value, step)
 
     def end(self, ended: FrozenTrial) -> None:
-        """Show how the trial ended."""
+        """Store how the trial ended."""
         value = ended.value if ended.state == TrialState.COMPLETE else None
         self._search.tell(self._trial, value, state=ended.state)
 
 
 @contextmanager
-def shown_trial(
+def database_trial(
     shared: Database | None, number: int, beta: float, tune: Tune
-) -> Iterator[ShownTrial | None]:
-    """Show a trial of a batch in the database of the study; it has failed if the block fails.
+) -> Iterator[DatabaseTrial | None]:
+    """The copy of a trial of a batch in the database. If the block fails, the copy has failed.
 
     Args:
         shared: the search; None without a database.
-        number: of the trial. Running trials with this number are ended, since a process that was
-            killed left them.
+        number: of the trial. Running copies with this number are ended, since their process was
+            killed.
         beta: of the trial.
         tune: settings of the search.
     """
@@ -127,10 +125,10 @@ def shown_trial(
     fail_running(search, number)
     search.sampler = PartialFixedSampler({BETA: beta}, RandomSampler())
     trial = search.ask()
-    trial.set_user_attr(NUMBER, number)
-    suggest(trial, tune)
     try:
-        yield ShownTrial(search, trial)
+        trial.set_user_attr(NUMBER, number)
+        suggest(trial, tune)
+        yield DatabaseTrial(search, trial)
     except BaseException:
         with suppress(Exception):  # the database may be lost, or another process has ended it
             search.tell(trial, state=TrialState.FAIL)
@@ -138,7 +136,7 @@ def shown_trial(
 
 
 def complete_search(search: optuna.Study, trials: Sequence[FrozenTrial]) -> None:
-    """Add the trials that a search lacks, in their order. All running ones have failed."""
+    """Add the trials of batches that the search lacks, and end its running trials as failed."""
     fail_running(search)
     present = {trial.user_attrs.get(NUMBER) for trial in search.get_trials(states=ENDED)}
     for number, trial in enumerate(trials):

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
@@ -18,7 +20,8 @@ from study.common.files import read_json, sha256
 from study.config.convert import from_json
 from study.config.grid import Cell
 from study.config.settings import Engine
-from study.config.stage_settings import TrialSettings, TuneSettings
+from study.config.stage_settings import Database, TrialSettings, TuneSettings
+from study.training import search_storage
 from study.training.search import (
     propose,
     pruner,
@@ -27,7 +30,7 @@ from study.training.search import (
     trial_from_json,
     trial_to_json,
 )
-from study.training.search_storage import NUMBER, database
+from study.training.search_storage import NUMBER, database, database_trial
 from study.workflow.engine import start, terms
 from study.workflow.lease import read_holder
 from study.workflow.pipeline import Pipeline
@@ -37,7 +40,7 @@ from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_cache import topological_order
 from study.workflow.worker import execute
-from tests.helpers.running import SMALL, configuration
+from tests.helpers.running import ROOT, SMALL, configuration
 
 CELL = Cell("cart", "low", "full_vae", 0)
 TRIALS, BATCH = 7, 3
@@ -258,3 +261,34 @@ def test_a_trial_that_fails_does_not_stay_running(tmp_path: Path) -> None:
     (store.folder(data) / "kernel.json").write_text("{}")
     assert execute(trial, store.root, 1).error is not None
     assert [one.state for one in trials_in(url)] == [TrialState.FAIL]
+
+
+def test_a_trial_that_is_stopped_as_it_begins_does_not_stay_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object) -> float:
+        raise SystemExit(143)
+
+    monkeypatch.setattr(search_storage, "suggest", stop)
+    url = f"sqlite:///{tmp_path}/trials.db"
+    with (
+        pytest.raises(SystemExit),
+        database_trial(Database(url, "search"), 0, 100.0, configuration(*BATCHED).tune),
+    ):
+        pytest.fail("the trial has not begun")
+    assert [one.state for one in trials_in(url)] == [TrialState.FAIL]
+
+
+@pytest.mark.slow
+def test_optuna_writes_nothing_to_the_terminal(tmp_path: Path) -> None:
+    """In a new process, where no test has changed the handlers of Optuna."""
+    code = (
+        "from study.training.search import optuna\n"
+        "optuna.create_study()\n"
+        "import logging; print([*logging.getLogger('optuna').handlers])\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
+    assert (done.stdout, done.stderr) == ("[]\n", "")
