@@ -28,8 +28,11 @@ from study.workflow.task_cache import record_tasks, topological_order
 DETAILS = """\
 The command also works during a run, from another terminal. For each stage that runs, the table has
 its machine and process, since when it runs, and the number of the attempt: a stage whose worker was
-lost is tried again. With --follow, the table is drawn again until nothing runs. If the output is
-not a terminal, it is printed once, at the end.
+lost is tried again. For each fit and each forecast that is done, it has the device, such as cpu or
+cuda.
+
+With --follow, the stages that run or have failed are shown until the run ends, and then the whole
+table. If the output is not a terminal, the table is printed once, at the end.
 
 examples
   python -m study.run status
@@ -45,6 +48,7 @@ INTERVAL = 2.0
 PAUSE = 60.0
 """Seconds without a running task after which a study counts as stopped and resumed."""
 UNKNOWN = "–"
+TO_DO = "to do"
 WHERE = ("where", "since", "attempt")
 """Columns of the stages that run."""
 
@@ -54,10 +58,10 @@ class Options(StudyOptions):
     """Options of `status`.
 
     Attributes:
-        follow: whether the table is drawn again until nothing runs.
+        follow: whether the stages that run are shown until the run ends.
     """
 
-    follow: Annotated[bool, Flag("draw the table again until nothing runs")] = False
+    follow: Annotated[bool, Flag("show the stages that run until the run ends")] = False
 
 
 def run(options: Options) -> int:
@@ -75,7 +79,7 @@ def run(options: Options) -> int:
         return {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
 
     if options.follow:
-        _follow(lambda: state_table(measured(), store, out, True), out, terminal)
+        _follow(lambda: follow_table(measured(), store, out), out, terminal)
     costs = measured()
     is_running = not options.follow and is_locked(out)
     terminal.print(state_table(costs, store, out, is_running))
@@ -111,13 +115,10 @@ def state_table(costs: Mapping[Task, Timing], store: Store, out: Path, is_runnin
         out: the results folder.
         is_running: whether a run holds the folder.
     """
-    table = Table(title=f"{out}{' (a run is going on)' if is_running else ''}", box=SIMPLE)
-    for column in ("stage", "for", "state"):
-        table.add_column(column, no_wrap=True)
+    table = _empty_table(f"{out}{' (a run is going on)' if is_running else ''}")
     holders = {task: _holder(task, store) if is_running else None for task in costs}
     shown = WHERE if any(holders.values()) else ()
-    for column in shown:
-        table.add_column(column, no_wrap=True)
+    _add_where(table, shown)
     table.add_column("seconds", justify="right")
     table.add_column("device", no_wrap=True)
     total = 0.0
@@ -131,6 +132,39 @@ def state_table(costs: Mapping[Task, Timing], store: Store, out: Path, is_runnin
     table.add_section()
     table.add_row("all", "", "", *("" for _ in shown), f"{total:.1f}")
     return table
+
+
+def follow_table(costs: Mapping[Task, Timing], store: Store, out: Path) -> Table:
+    """The tasks that run or have failed, since all tasks of a study do not fit on a screen.
+
+    Args:
+        costs: of each task; empty for a task that is not done.
+        store: the folders of the tasks.
+        out: the results folder.
+    """
+    done = sum("seconds" in cost for cost in costs.values())
+    table = _empty_table(f"{out}: {done} of {len(costs)} stages are done")
+    _add_where(table, WHERE)
+    for task, cost in costs.items():
+        state = "done" if "seconds" in cost else _state(task, store, is_running=True)
+        if state not in ("done", TO_DO):
+            table.add_row(task.stage, task.label, state, *_where(_holder(task, store)))
+    return table
+
+
+def _empty_table(title: str) -> Table:
+    """A table with the columns of a task. In a narrow terminal, long names and errors wrap."""
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0))
+    table.add_column("stage", no_wrap=True)
+    for column in ("for", "state"):
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _add_where(table: Table, columns: Sequence[str]) -> None:
+    """Add the columns of the tasks that run: `WHERE`, or none of them."""
+    for column in columns:
+        table.add_column(column, overflow="fold", no_wrap=column != "where")
 
 
 def cost_table(timings: Sequence[tuple[str, Timing]]) -> Table:
@@ -184,7 +218,7 @@ def _state(task: Task, store: Store, is_running: bool) -> str:
         return f"running {progress.get('fraction', 0.0):.0%} {progress.get('message', '')}"
     with suppress(FileNotFoundError):  # a new attempt removes it
         return f"failed: {store.failure(task).read_text(encoding='utf-8').strip()}"
-    return "to do"
+    return TO_DO
 
 
 def _holder(task: Task, store: Store) -> Holder | None:

@@ -198,3 +198,43 @@ def test_follow_draws_again_in_a_terminal(tmp_path: Path, monkeypatch: pytest.Mo
     assert "drawing 0" in text
     assert "drawing 1" in text
     assert next(drawn) == 2
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_follow_shows_what_runs_and_what_failed(copied: Path, width: int) -> None:
+    """In full, in a terminal of 80 columns as well."""
+    store = Store(copied / "work")
+    runs = _running(copied)
+    tasks = topological_order(record_tasks(configuration(*SMALL), store).values())
+    failed = next(task for task in tasks if task.stage == "tune")
+    shutil.rmtree(store.folder(failed))
+    error = "the validation score is nan; " * 5 + "change tune.beta_low"
+    store.failure(failed).write_text(error)
+    missing = next(task for task in tasks if task.stage == "evaluate")
+    shutil.rmtree(store.folder(missing))
+    terminal = Console(file=io.StringIO(), width=width)
+    with hold(store.lease(runs), Terms(run="a")):
+        costs = {task: store.timing(task) for task in tasks}
+        terminal.print(status.follow_table(costs, store, copied))
+    text = terminal.file.getvalue()  # type: ignore[attr-defined]
+    assert f"{len(tasks) - 3} of {len(tasks)} stages are done" in " ".join(text.split())
+    cells = "".join(text.split())  # without line breaks
+    assert "running25%" in cells
+    assert str(os.getpid()) in text
+    assert "…" not in text
+    rows = [line.split()[0] for line in text.splitlines() if line[:3].strip() and line.split()]
+    assert {"tune", "train"} <= set(rows)
+    assert not {"evaluate", "collect"} & set(rows)
+
+
+def test_names_and_errors_are_complete_in_a_narrow_terminal(copied: Path) -> None:
+    store = Store(copied / "work")
+    task = _running(copied)
+    tasks = topological_order(record_tasks(configuration(*SMALL), store).values())
+    terminal = Console(file=io.StringIO(), width=80)
+    with hold(store.lease(task), Terms(run="a")):
+        costs = {task: store.timing(task) for task in tasks}
+        terminal.print(status.state_table(costs, store, copied, is_running=True))
+    text = terminal.file.getvalue()  # type: ignore[attr-defined]
+    assert "…" not in text
+    assert {task.stage for task in tasks} <= set(text.split())
