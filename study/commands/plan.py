@@ -1,6 +1,6 @@
 """Command `plan`: print the stages that `all` would run, and the reasons."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -67,8 +67,9 @@ def run(options: Options) -> int:
         task: store.reason_to_run(task)
         for task in topological_order(records[cell] for cell in selected)
     }
+    width = _width(states)
     for task, why in states.items():
-        say(terminal, f"{task.stage:11} {task.label:36} {why or 'up to date'}")
+        say(terminal, f"{task.stage:11} {task.label:{width}} {why or 'up to date'}")
     due = [task for task, why in states.items() if why is not None]
     if refused := why_not_writable(out) or why_refused(config, selected, store, out):
         results = f"`all` will refuse to run: {refused}"
@@ -104,8 +105,14 @@ def _print_estimate(
         "have run",
     )
     say(terminal, f"critical path, {in_words(sum(seconds[task] for task in path))}:")
+    width = _width(path)
     for task in path:
-        say(terminal, f"  {task.stage:11} {task.label:36} {in_words(seconds[task])}")
+        say(terminal, f"  {task.stage:11} {task.label:{width}} {in_words(seconds[task])}")
+
+
+def _width(tasks: Iterable[Task]) -> int:
+    """The length of the longest label."""
+    return max((len(task.label) for task in tasks), default=0)
 
 
 COMMAND = Command("plan", "show what `all` would run, and why", Options, run, DETAILS)
