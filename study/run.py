@@ -18,6 +18,7 @@ TERMINATED = 143
 """Exit code after SIGTERM: 128 + SIGTERM, as in shells."""
 CLOSED_PIPE = 141
 """Exit code when the reader of a pipe has ended: 128 + SIGPIPE, as in shells."""
+STOPPED = "stopped: run the same command again to go on from here"
 OWN_PACKAGES = ("study", "paper_figs")
 """Packages of this repository. A missing module of theirs is a defect."""
 
@@ -53,8 +54,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {explain(error)}; complete files are kept", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped: run the same command again to go on from here", file=sys.stderr)
+        print(STOPPED, file=sys.stderr)
         return INTERRUPTED
+    except SystemExit as end:
+        if end.code == TERMINATED:
+            print(STOPPED, file=sys.stderr)
+        raise
 
 
 def _run(arguments: list[str]) -> int:

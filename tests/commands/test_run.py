@@ -2,6 +2,7 @@
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from study.commands import status
-from study.run import CLOSED_PIPE, main
+from study.run import CLOSED_PIPE, STOPPED, TERMINATED, _terminate, main
 from tests.helpers.running import ROOT, SMALL
 
 
@@ -63,3 +64,13 @@ def test_an_interpreter_without_the_requirements() -> None:
     assert done.stderr.startswith(f"error: {sys.executable} lacks the package '")
     assert "source .venv/bin/activate" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_sigterm_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(status, "record_tasks", lambda *_: _terminate(signal.SIGTERM, None))
+    with pytest.raises(SystemExit) as ended:
+        main(["status", "--out", str(tmp_path)])
+    assert ended.value.code == TERMINATED
+    assert capsys.readouterr().err == f"{STOPPED}\n"
