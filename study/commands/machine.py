@@ -28,7 +28,9 @@ def check_accelerator(config: Config, tasks: Iterable[Task], store: Store) -> No
         import torch
 
         if not (torch.cuda.is_available() or torch.backends.mps.is_available()):
-            raise BadInput("train.accelerator: got 'gpu', and torch finds none here; give auto")
+            raise BadInput(
+                "train.accelerator: got 'gpu', and torch finds none here; give auto or cpu"
+            )
 
 
 def check_samples(name: str, samples: int, rows: int) -> None:

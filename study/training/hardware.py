@@ -28,7 +28,7 @@ TRIAL_SECONDS = 0.5
 WARM_UPS = 3
 """Runs before the measurement. A CUDA graph is captured at the second one."""
 WIDE = 256
-"""Units of a layer from which on bfloat16 is used: see `tests/benchmarks/README.md`."""
+"""Smallest width of a layer for which `auto` takes bfloat16: see `tests/benchmarks/README.md`."""
 TRIAL_SAMPLES = 40
 """Forecasts of each scenario in a measurement."""
 
@@ -41,7 +41,7 @@ def gpu(accelerator: str) -> torch.device | None:
     """The GPU that a stage may use; None for none.
 
     Args:
-        accelerator: see `Train`. `auto` does not use Apple's GPUs, for which there are no graphs.
+        accelerator: see `Train`. `auto` ignores Apple's GPUs, since they have no CUDA graphs.
 
     Raises:
         StudyError: the accelerator is `gpu`, and there is none.
@@ -60,7 +60,7 @@ def gpu(accelerator: str) -> torch.device | None:
 def fit_device(
     accelerator: str, model: Model, data: TrajectoryDataModule, steps: int
 ) -> torch.device:
-    """The device of a fit. Training may change over time, so first, middle and last step count.
+    """The device of a fit. A loss may change during training, so three of its steps are measured.
 
     Args:
         accelerator: see `Train`.
@@ -108,14 +108,14 @@ def forecast_on_faster_device(
 
 
 def faster_device(accelerator: str, model: Model, run: Run) -> torch.device:
-    """The device on which `run` takes less time. A choice by `accelerator` is not measured.
+    """The device on which `run` takes less time. `cpu` and `gpu` are not measured.
 
     A device on which `run` fails is not chosen, for example a GPU without free memory.
 
     Args:
         accelerator: see `Train`.
         model: stays as it is; copies of it run. The random numbers that follow stay the same.
-        run: work with a model on its own device.
+        run: the work that is measured, with a model that is on the device.
     """
     device = gpu(accelerator)
     if device is None or accelerator == "gpu":
@@ -158,7 +158,7 @@ def _seconds(model: Model, device: torch.device, run: Run) -> float:
 
 
 def fit_precision(precision: str, model: nn.Module, device: torch.device) -> str:
-    """`32` or `bf16`: what the setting `train.precision` means for a model on a device.
+    """The precision of a fit, `32` or `bf16`.
 
     Args:
         precision: see `Train`.
