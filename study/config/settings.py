@@ -111,9 +111,9 @@ class Tune:
         evaluations: times a trial is evaluated, and may be pruned.
         validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
-        batch: trials that are proposed together, from the results of the batches before. They run
-            at the same time on as many workers. The chosen β depends on this number, and not on the
-            number of workers. 1 proposes each trial from all trials before it.
+        batch: trials that are proposed together, from the results of earlier batches. They may run
+            at the same time on several workers. The chosen β depends on this number, and not on the
+            number of workers. 1 proposes each trial from all earlier ones.
         storage: URL of a database of Optuna for all searches, postgresql://… or sqlite:///…; null
             is a journal file for each search. No number depends on it, and no file stores it, since
             it may have a password.
@@ -150,9 +150,9 @@ class Train:
         patience: evaluations without improvement before training stops.
         accelerator: device of ensembles, tuning, training and evaluation. `auto` takes the CPU or
             the GPU, whichever is faster for a stage. `status` says which.
-        precision: of matrix products in training: 32 bits, `bf16` (bfloat16), or `auto`, which
-            takes bfloat16 where the processor has units for it and the layers are wide. Recurrences
-            and forecasts always have 32 bits.
+        precision: of matrix products in training: `32` (float32), `bf16` (bfloat16), or `auto`,
+            which takes bfloat16 where the processor has units for it and the layers are wide.
+            Recurrences and forecasts are always computed in float32.
     """
 
     steps: int = setting(1200, low=1, high=10**8)

@@ -123,11 +123,14 @@ def pruner(tune: Tune) -> BasePruner:
 
 
 def sampler(index: int, settings: TuneSettings) -> BaseSampler:
-    """The sampler of trial `index`: an even grid in log β first, then TPE with its own seed."""
+    """The sampler of trial `index`: an even grid in log β first, then TPE with its own seed.
+
+    The constant liar counts the running trials of a batch as bad ones.
+    """
     tune = settings.tune
     seed = torch_seed(derive(settings.fit.seed, "trial", index))
     startup = (tune.trials + 1) // 2
-    tpe = TPESampler(n_startup_trials=startup, seed=seed)
+    tpe = TPESampler(n_startup_trials=startup, seed=seed, constant_liar=True)
     if index >= startup:
         return tpe
     return PartialFixedSampler({BETA: _grid(tune, startup)[index]}, tpe)

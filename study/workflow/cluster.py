@@ -133,12 +133,12 @@ def accelerator(task: Task) -> str | None:
 
     Forecasts with `auto` are made on any worker, so that they do not wait for a GPU.
     """
-    own = str(task.settings.get("accelerator", "auto"))
+    setting = str(task.settings.get("accelerator", "auto"))
     if task.stage == "ensemble":
-        return own
+        return setting
     if task.stage in ("evaluate", "validate"):
         has_network = "trained" in task.inputs or "ensemble" in task.inputs
-        return own if own == "gpu" and has_network else None
+        return setting if setting == "gpu" and has_network else None
     if task.stage not in ("tune", "trial", "train"):
         return None
     fit: Mapping[str, Any] = task.settings.get("fit", task.settings)

@@ -300,7 +300,7 @@ class Watch:
 
 
 def remove_abandoned(folder: Path, name: str) -> None:
-    """Remove the files of processes that were killed while they took a lease in a folder.
+    """Remove the temporary files of processes that were killed as they took a lease in a folder.
 
     A living process has such a file for milliseconds, and tries again if the file is removed.
 

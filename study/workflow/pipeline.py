@@ -3,7 +3,7 @@
     collect ─► ensemble ─► tune β ─► train ─► evaluate ─► record
        └─► record_data ────────────────────────────────────►┘
 
-With `tune.batch`, a task `trial` for each trial and the task `select` stand in place of `tune`.
+With `tune.batch`, a task `trial` for each trial and the task `select` replace `tune`.
 
 A task depends on its settings, on its input tasks, and on the source of its stage, environment and
 model. It depends on nothing else. Data or an ensemble that several cells share is one task. Within

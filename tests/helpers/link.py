@@ -1,8 +1,8 @@
 """A network link between the scheduler and one worker of a cluster, which can be cut.
 
-With the privileges for it, the worker is in a network namespace with an address of its own, and the
-link is a pair of virtual network interfaces. Otherwise both are on the loopback interface, and the
-connections of the worker to the scheduler go through a proxy.
+With the privileges for it, the worker is in a network namespace with an address of its own. The
+link is then a pair of virtual network interfaces. Otherwise both are on the loopback interface, and
+the connections of the worker to the scheduler go through a proxy.
 """
 
 import os
@@ -33,16 +33,16 @@ class Link:
         return scheduler
 
     def cut(self) -> None:
-        """Lose everything that is sent, without a word to either side."""
+        """Lose everything that is sent. Neither side gets an error."""
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Transport again."""
 
     def cut_for(self, seconds: float) -> None:
         """Cut the link for a while."""
         self.cut()
         time.sleep(seconds)
-        self.mend()
+        self.restore()
 
 
 class NamespaceLink(Link):
@@ -71,7 +71,7 @@ class NamespaceLink(Link):
         """Turn the worker's interface off."""
         _ip("-n", self._name, "link", "set", self._ends[1], "down")
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Turn the worker's interface on."""
         _ip("-n", self._name, "link", "set", self._ends[1], "up")
 
@@ -101,7 +101,7 @@ class ProxyLink(Link):
         """Transport nothing. What arrives meanwhile is sent later, as TCP would do."""
         self._is_open.clear()
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Transport again."""
         self._is_open.set()
 
@@ -134,17 +134,17 @@ class ProxyLink(Link):
 @contextmanager
 def link() -> Iterator[Link]:
     """A link that can be cut, of the kind for which this process has the privileges."""
-    made: NamespaceLink | ProxyLink
+    new_link: NamespaceLink | ProxyLink
     try:
         if shutil.which("ip") is None or os.getuid() != 0:
             raise OSError
-        made = NamespaceLink()
+        new_link = NamespaceLink()
     except (OSError, subprocess.CalledProcessError):
-        made = ProxyLink()
+        new_link = ProxyLink()
     try:
-        yield made
+        yield new_link
     finally:
-        made.close()
+        new_link.close()
 
 
 def _ip(*arguments: str) -> None:

@@ -51,7 +51,7 @@ class Graphs:
     A shape is captured at its second use, since a capture takes as long as some ten calls. If a
     capture fails, that shape is never captured, and the function runs without a graph.
 
-    A graph has one set of arrays, also for the backward pass. If a result still waits for its
+    Forward and backward pass of a graph share one set of arrays. If a result still needs its
     backward pass, the next call of the same shape runs without a graph.
 
     Args:
@@ -116,7 +116,7 @@ class Graphs:
 
 
 class _Replay:
-    """One replay. It exists as long as its backward pass can still be needed."""
+    """One replay. Autograd keeps it as long as its backward pass may be needed."""
 
     is_done = False
     """Whether the backward pass has begun."""
@@ -141,9 +141,9 @@ def _shape(value: Tensor, grad: bool) -> Hashable:
 
 
 def _static(value: Tensor, grad: bool) -> Tensor:
-    """The argument of a graph: a copy, but a parameter itself, since an optimiser leaves it there.
+    """The argument of a graph: a copy; or a parameter itself, which an optimiser changes in place.
 
-    If a module has moved its parameter, the next call copies it to the old place.
+    If a module has moved its parameter, the next call copies it to the old address.
     """
     static = value.detach() if isinstance(value, nn.Parameter) else value.detach().clone()
     return static.requires_grad_(grad and value.requires_grad)
@@ -158,7 +158,7 @@ def of(owner: Any) -> Graphs:
 
 
 def call(module: nn.Module, *arguments: Tensor) -> Results:
-    """`module(*arguments)`, in training on a GPU as a CUDA graph of the module.
+    """Call a module, in training on a GPU as a CUDA graph.
 
     Args:
         module: returns a tuple of tensors. It changes no buffer, and samples nothing.

@@ -36,12 +36,12 @@ def library_is_used(device: torch.device) -> bool:
 def library_gru(gates: Tensor, hidden: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """`gru` by `torch.gru`, which is cuDNN's on a GPU: all steps in one call.
 
-    The library multiplies its inputs by a matrix. Here the products are in `gates` already, so that
+    The library multiplies its inputs by a matrix. Here `gates` has the products already. So the
     matrix is a permutation, from the order n, r, u of the gates to the library's r, u, n. On a CPU
     the library is not faster than the loop of `torch_unroll`.
     """
-    # By default cuDNN rounds the factors of its products to 10 bits (TF32). A setting of its GRU
-    # alone would make it an error to read this one.
+    # By default cuDNN rounds the factors of its products to 10 bits (TF32). After a change of the
+    # newer setting, which is for its GRU alone, torch refuses to read this one.
     torch.backends.cudnn.allow_tf32 = False
     size = bias.shape[1]
     permutation = torch.eye(3 * size, dtype=gates.dtype, device=gates.device).roll(-size, 0)
