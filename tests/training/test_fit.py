@@ -82,7 +82,7 @@ def test_ctrl_c_interrupts_a_fit(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     handler = signal.getsignal(signal.SIGINT)
-    score = LogForecastScore(interrupt)
+    score = LogForecastScore(interrupt)  # type: ignore[arg-type]
     options = FitOptions(0, 2, 2, None, accelerator="cpu")
     with pytest.raises(KeyboardInterrupt):
         fit(model("probabilistic_mlp"), data_module(), tmp_path, Progress(), options, [score])
