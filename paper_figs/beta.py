@@ -46,7 +46,7 @@ def _plot(trials: pd.DataFrame, stem: Path) -> list[Path]:
                 in_panel = (trials["environment"] == environment) & (trials["level"] == level)
                 _panel(axis, trials[in_panel], palette)
                 axis.set_title(f"{label(environment)}, {label(level)}", loc="left")
-            axes[0].set_ylabel("validation MMD²")
+            axes[0].set_ylabel("validation score")
         for axis in grid[-1]:
             axis.set_xlabel("β")
         figure.legend(

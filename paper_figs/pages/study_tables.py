@@ -101,6 +101,16 @@ class Study:
             metric, model = "brier_climatology", ORACLE
         return select(self.scores, metric, environment, level, model).to_numpy(np.float64)
 
+    def paired(
+        self, metric: str, environment: str, level: str, first: str, second: str
+    ) -> tuple[Doubles, Doubles]:
+        """One metric of two models, on the seeds that both have: [seeds, S] each."""
+        one, other = (
+            select(self.scores, metric, environment, level, model) for model in (first, second)
+        )
+        seeds = one.index.intersection(other.index)
+        return one.loc[seeds].to_numpy(np.float64), other.loc[seeds].to_numpy(np.float64)
+
     def mean(self, metric: str, environment: str, level: str, model: str) -> float:
         """The mean over seeds and scenarios."""
         return float(self.values(metric, environment, level, model).mean())
@@ -195,14 +205,12 @@ def seeds(study: Study) -> str:
 
 
 def differences(study: Study, metric: str) -> str:
-    """Differences between models, with intervals over seeds and scenarios."""
+    """Differences between models, with intervals over the seeds that both have and scenarios."""
     rows = []
     for first, second in CONTRASTS:
         row = [f"{label(first)} − {label(second)}"]
         for cell in CELLS:
-            interval = difference(
-                study.values(metric, *cell, first), study.values(metric, *cell, second)
-            )
+            interval = difference(*study.paired(metric, *cell, first, second))
             row.append(signed(interval.estimate, interval.low, interval.high, digits=3))
         rows.append(row)
     return pipe_table([METRICS[metric], *map(_name, CELLS)], rows)

@@ -111,6 +111,8 @@ class Tune:
         evaluations: times a trial is evaluated, and may be pruned.
         validation: validation trajectories forecast at each evaluation.
         samples: forecasts of each.
+        objective: what the search minimises on validation trajectories: the MMD² of autoregressive
+            forecasts (`mmd2`), or the negative evidence lower bound with a weight of 1 (`elbo`).
         batch: trials that are proposed together, from the results of earlier batches. They may run
             at the same time on several workers. The chosen β depends on this number, and not on the
             number of workers. 1 proposes each trial from all earlier ones.
@@ -126,6 +128,7 @@ class Tune:
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
     samples: int = setting(16, low=2, high=10**4)
+    objective: str = setting("mmd2", choices=("mmd2", "elbo"), later=True)
     batch: int = setting(1, low=1, high=10**5, later=True)
     storage: str | None = setting(None, stored=False)
 

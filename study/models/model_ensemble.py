@@ -113,6 +113,14 @@ class EnsembleOfModels(Model[E], Generic[E, M]):
             for name in by_member[0]
         }
 
+    def negative_elbo(self, batch: dict[str, Tensor]) -> float:
+        """See `Model.negative_elbo`: the mean over the members.
+
+        It is at least that of the mixture of the members (Jensen's inequality).
+        """
+        values = [member.negative_elbo(batch) for member in self.member_models()]
+        return sum(values) / len(values)
+
     def configure_gradient_clipping(
         self,
         optimizer: Any,

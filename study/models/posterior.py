@@ -1,4 +1,4 @@
-"""Whether a fitted VAE uses its latent variable: statistics of q_φ(z_t | ·) on observed data.
+"""A fitted VAE on observed data: whether it uses its latent variable, and the ELBO.
 
 In a *collapsed* posterior, q_φ(z_t | ·) is the prior N(0, I) for every input. Then z_t carries no
 information, and the decoder ignores z_t. The noise of a step is that of p_θ alone, so the VAE is a
@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from study.models.networks.cvae import kl_from_standard_normal
+from study.models.networks.likelihood import gaussian_nll
 from study.models.sampling import repeat_samples
 
 if TYPE_CHECKING:
@@ -41,19 +42,71 @@ def posterior_statistics(model: "VaeModel", batch: dict[str, Tensor]) -> dict[st
             (Burda, Grosse and Salakhutdinov, ICLR 2016).
         latent_share: see `latent_share`.
     """
-    states, actions = batch["states"], batch["actions"]
-    baselines = model.baselines(states[:, 0], actions, batch.get("members"))
-    # Every member in turn, so that the statistics need no random number.
-    member = torch.arange(len(states), device=states.device)[:, None] % baselines.shape[1]
-    baseline, condition = model.select(baselines, actions, member)
-    target = states[:, 1:] - baseline[:, 1:]
-    mean, log_variance = model.cvae.encode(target, states[:, :-1], condition)
+    states, baseline, condition = observed(model, batch)
+    mean, log_variance = encode(model, states, baseline, condition)
     share = latent_share(model, states, baseline, condition, mean, log_variance)
     return {
         "kl": float(kl_from_standard_normal(mean, log_variance).mean()),
         "active_units": float((mean.flatten(0, 1).var(0) > ACTIVE_ABOVE).sum()),
         "latent_share": share,
     }
+
+
+@torch.no_grad()
+def negative_elbo(model: "VaeModel", batch: dict[str, Tensor]) -> float:
+    """The negative evidence lower bound of observed trajectories, averaged over them and over t.
+
+        E_q[−log p_θ(s_{t+1} | ·)] + KL[q_φ(z_t | ·) ‖ N(0, I)]
+
+    The terms are those of equation (12) with β = 1, without the weights of `heteroscedastic_nll`,
+    and with the σ² of forecasts. z_t has one sample, the same in every call.
+
+    Args:
+        model: the VAE.
+        batch: observed trajectories, see `Model.diagnostics`.
+
+    Returns:
+        nats a step, summed over the dimensions of the normalised state.
+    """
+    states, baseline, condition = observed(model, batch)
+    mean, log_variance = encode(model, states, baseline, condition)
+    latent = mean + standard_normal(mean) * torch.exp(0.5 * log_variance)
+    history = states[:, :-1] if is_teacher_forced(model) else None
+    means, log_std = model.cvae.decode(states[:, 0], baseline, condition, latent, history)
+    log_variance_of_state = model.cvae.decoder.variance.log() + 2 * log_std
+    square = (states[:, 1:] - means).square() / log_variance_of_state.exp()
+    nll = gaussian_nll(square, log_variance_of_state).sum(-1)
+    return float((nll + kl_from_standard_normal(mean, log_variance)).mean())
+
+
+def observed(model: "VaeModel", batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """States s_{0:T}, baselines b_{0:T} and conditions c_{0:T-1} of observed trajectories.
+
+    Every member of the ensemble in turn, so that no random number is needed.
+    """
+    states, actions = batch["states"], batch["actions"]
+    baselines = model.baselines(states[:, 0], actions, batch.get("members"))
+    member = torch.arange(len(states), device=states.device)[:, None] % baselines.shape[1]
+    return states, *model.select(baselines, actions, member)
+
+
+def encode(
+    model: "VaeModel", states: Tensor, baseline: Tensor, condition: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Mean and log variance of q_φ(z_t | ·), [B, T, Z] each."""
+    target = states[:, 1:] - baseline[:, 1:]
+    return model.cvae.encode(target, states[:, :-1], condition)
+
+
+def is_teacher_forced(model: "VaeModel") -> bool:
+    """Whether the decoder's state history is the true states at the end of training."""
+    return model.is_teacher_forced(model.settings.train.steps)
+
+
+def standard_normal(like: Tensor) -> Tensor:
+    """Standard normal numbers, the same in every call, with the shape and device of `like`."""
+    generator = torch.Generator().manual_seed(0)
+    return torch.randn(like.shape, generator=generator).to(like.device)
 
 
 def latent_share(
@@ -116,8 +169,7 @@ def one_step(
         latent_at_step: z_t [B, Z].
     """
     latent = torch.cat([latent[:, :step], latent_at_step[:, None]], 1)
-    is_teacher_forced = model.is_teacher_forced(model.settings.train.steps)
-    history = states[:, : step + 1] if is_teacher_forced else None
+    history = states[:, : step + 1] if is_teacher_forced(model) else None
     means, log_std = model.cvae.decode(
         states[:, 0], baseline[:, : step + 2], condition[:, : step + 1], latent, history
     )

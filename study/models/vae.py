@@ -11,7 +11,7 @@ from study.data.normalization import Normalization
 from study.models.baseline import BaselineModel
 from study.models.networks.architecture import Architecture
 from study.models.networks.cvae import RecurrentCvae, kl_from_standard_normal
-from study.models.posterior import posterior_statistics
+from study.models.posterior import negative_elbo, posterior_statistics
 from study.models.sampling import repeat_samples
 
 TEACHER_FORCING_FRACTION = 0.3
@@ -91,6 +91,10 @@ class VaeModel(BaselineModel[VaeSettings]):
     def diagnostics(self, batch: dict[str, Tensor]) -> dict[str, float]:
         """See `Model.diagnostics`: whether the latent variable is used."""
         return posterior_statistics(self, batch)
+
+    def negative_elbo(self, batch: dict[str, Tensor]) -> float:
+        """See `Model.negative_elbo`."""
+        return negative_elbo(self, batch)
 
     def sample_training_members(self, count: int, members: int, device: torch.device) -> Tensor:
         """m ~ U{0 … M−1} of each trajectory of a batch, [B] (Algorithm 1, line 4).

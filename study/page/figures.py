@@ -82,8 +82,8 @@ KINDS = {
     ),
     "beta": (
         "The search for β",
-        "Validation MMD² of each trial over β, for each model, environment and level. A ring marks "
-        "the chosen β.",
+        "Validation score of each trial over β, for each model, environment and level. A ring "
+        "marks the chosen β.",
     ),
     "specification": (
         "Specification curve",

@@ -22,6 +22,7 @@ from study.config.convert import from_json, to_json
 from study.config.settings import Tune
 from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
+from study.training.elbo import LogNegativeElbo
 from study.training.fit import FitOptions, fit
 from study.training.hardware import fit_device, gpu
 from study.training.inputs import FitInputs, prepare
@@ -195,7 +196,7 @@ def _short_fit(
         curves,
         progress,
         options,
-        [LogForecastScore(start.score), report],
+        [_score(start, tune), report],
     )
     for file in curves.glob("*"):
         file.unlink()
@@ -205,6 +206,13 @@ def _short_fit(
     del start
     gc.collect()
     return score
+
+
+def _score(start: FitInputs, tune: Tune) -> Callback:
+    """The callback that logs what the search minimises."""
+    if tune.objective == "elbo":
+        return LogNegativeElbo(start.data)
+    return LogForecastScore(start.score)
 
 
 def _settled_accelerator(search: optuna.Study, start: FitInputs, steps: int) -> str:

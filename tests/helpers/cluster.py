@@ -150,7 +150,8 @@ class Cluster:
 
     def _wait(self, path: Path, process: Any) -> None:
         deadline = time.monotonic() + LONGEST_START
-        while not path.exists():
+        # Dask does not write the file at once.
+        while not path.exists() or not path.read_bytes().endswith(b"}"):
             assert process.poll() is None, "it ended at its start"
             assert time.monotonic() < deadline
             time.sleep(0.05)

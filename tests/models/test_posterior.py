@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch.distributions import Normal, kl_divergence
 
+from study.common.errors import StudyError
 from study.data.trajectories import ScenarioSet
-from study.models.posterior import posterior_statistics
+from study.models.posterior import posterior_statistics, standard_normal
 from study.training.data_module import TrajectoryDataModule
 from study.training.inputs import VALIDATION_ROLLOUTS, validation_trajectories
 from tests.helpers.models import (
@@ -56,6 +58,53 @@ def test_the_divergence_is_in_nats_a_step() -> None:
     statistics = posterior_statistics(network, batch())
     assert statistics["kl"] == pytest.approx(0.5 * (4 + np.exp(-1) - 1 + 1), rel=1e-5)
     assert statistics["active_units"] == 0, "a mean that does not vary is no active unit"
+
+
+@pytest.mark.parametrize("teacher_forcing", ["always", "never"])
+@pytest.mark.parametrize("name", VAES)
+def test_the_elbo_is_that_of_torch_distributions(name: str, teacher_forcing: str) -> None:
+    torch.manual_seed(1)
+    network: Any = model(name, vae={"teacher_forcing": teacher_forcing})
+    network.cvae.decoder.log_std.weight.data.normal_(0, 0.3)
+    network.cvae.decoder.variance.copy_(torch.tensor([0.5, 1.0, 2.0]))
+    data = full_batch()
+    states, actions = data["states"], data["actions"]
+    with torch.no_grad():
+        baselines = network.baselines(states[:, 0], actions, data["members"])
+        member = torch.arange(len(states))[:, None] % baselines.shape[1]
+        baseline, condition = network.select(baselines, actions, member)
+        target = states[:, 1:] - baseline[:, 1:]
+        mean, log_variance = network.cvae.encode(target, states[:, :-1], condition)
+        posterior = Normal(mean, (0.5 * log_variance).exp())
+        latent = posterior.mean + posterior.stddev * standard_normal(mean)
+        history = states[:, :-1] if teacher_forcing == "always" else None
+        means, log_std = network.cvae.decode(states[:, 0], baseline, condition, latent, history)
+        forecast = Normal(means, network.cvae.decoder.variance.sqrt() * log_std.exp())
+        prior = Normal(torch.zeros_like(mean), torch.ones_like(mean))
+        elbo = forecast.log_prob(states[:, 1:]).sum(-1) - kl_divergence(posterior, prior).sum(-1)
+    assert float(log_std.std()) > 0.01
+    assert network.negative_elbo(data) == pytest.approx(-float(elbo.mean()), rel=1e-5)
+
+
+def test_the_elbo_does_not_depend_on_beta_or_the_random_state() -> None:
+    network: Any = model("full_vae")
+    value = network.negative_elbo(batch())
+    network.beta *= 100
+    torch.manual_seed(99)
+    assert network.negative_elbo(batch()) == value
+
+
+@pytest.mark.parametrize("name", ENSEMBLES)
+def test_the_elbo_of_an_ensemble_is_the_mean_over_the_members(name: str) -> None:
+    network: Any = model(name)
+    values = [member.negative_elbo(full_batch()) for member in network.member_models()]
+    assert len(set(values)) > 1
+    assert network.negative_elbo(full_batch()) == pytest.approx(np.mean(values))
+
+
+def test_a_model_without_an_elbo_says_what_to_do() -> None:
+    with pytest.raises(StudyError, match=r"has no negative_elbo: set tune\.objective to mmd2"):
+        model("probabilistic_mlp").negative_elbo(batch())
 
 
 def test_active_units_are_components_whose_mean_varies(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from paper_figs.scores import read_scores
 from study.claims.judge import CLAIMS
 from study.claims.paper import BRIER
 from study.common.errors import BadInput
-from study.config.names import FULL, LABELS, MODELS
+from study.config.names import FULL, LABELS, MODELS, RESIDUAL
 from study.metrics.tables.table import select
 from study.multiverse.effects import curve
 from study.multiverse.folder import write
@@ -101,6 +101,15 @@ def test_scores_are_means_over_seeds(table: str, metric: str) -> None:
         assert float(mean) == pytest.approx(here.value.mean(), abs=0.00051), (row, head)
         expected = BRIER.get((environment, level, model)) if metric == "brier" else None
         assert (float(paper.strip("()")) if paper else None) == expected
+
+
+def test_differences_are_over_the_seeds_that_both_models_have() -> None:
+    study, other = (study_tables.Study(RESULTS / "paper") for _ in range(2))
+    one_model = study.scores[study.scores["model"] == RESIDUAL]
+    further = one_model.assign(seed=99, value=one_model["value"] + 1)
+    vars(other)["scores"] = pd.concat([study.scores, further])
+    assert other.mean("mmd2", "uav", "low", RESIDUAL) > study.mean("mmd2", "uav", "low", RESIDUAL)
+    assert study_tables.differences(other, "mmd2") == study_tables.differences(study, "mmd2")
 
 
 def test_the_best_of_the_papers_models_is_bold() -> None:
