@@ -30,7 +30,7 @@ class Setting:
         name: of the field of the section.
         kind: its type.
         default: its default.
-        metadata: bounds `low` and `high`, `choices`, or `stored`.
+        metadata: bounds `low` and `high`, `choices`, `stored` or `later`.
     """
 
     section: str
@@ -43,6 +43,11 @@ class Setting:
     def is_stored(self) -> bool:
         """Whether files of a study have the setting."""
         return bool(self.metadata.get("stored", True))
+
+    @property
+    def is_later(self) -> bool:
+        """Whether it was added after studies were published, whose files lack it."""
+        return bool(self.metadata.get("later", False))
 
 
 def section_classes() -> dict[str, type[Any]]:
@@ -115,12 +120,15 @@ def values_of(config: Config) -> dict[str, Any]:
 def to_json(config: Config) -> dict[str, Any]:
     """The settings that files store, as sections of JSON.
 
-    Of models' own settings and of recorded systems, those of the grid.
+    Of models' own settings and of recorded systems, those of the grid. A setting that was added
+    later is left out at its default, so that the files of a study stay the same.
     """
     nested: dict[str, Any] = {}
     known = known_settings()
     for key, value in values_of(config).items():
-        if known[key].is_stored and _is_used(key, config.grid):
+        each = known[key]
+        is_left_out = each.is_later and value == each.default
+        if each.is_stored and not is_left_out and _is_used(key, config.grid):
             *path, name = _split(key)
             section = nested
             for part in path:
@@ -142,8 +150,8 @@ def from_json(values: Mapping[str, Any], unknown: Iterable[str] = ()) -> Config:
     given = flatten(values)
     config = config_of(given)
     for key, each in known_settings().items():
-        is_expected = each.is_stored and each.section not in unknown and _is_used(key, config.grid)
-        if key not in given and is_expected:
+        is_expected = each.is_stored and not each.is_later and each.section not in unknown
+        if key not in given and is_expected and _is_used(key, config.grid):
             raise BadInput(f"the setting '{key}' is missing")
     return config
 

@@ -36,6 +36,16 @@ def test_a_stored_study_that_lacks_a_setting() -> None:
     assert from_json(stored, unknown=("engine",)) == Config()
 
 
+def test_a_study_of_before_a_setting_is_read_and_written_as_it_was() -> None:
+    stored = to_json(Config())
+    assert "batch" not in stored["tune"]
+    assert from_json(stored) == Config()
+    changed = config_of({"tune.batch": 2, "train.precision": "bf16"})
+    stored = to_json(changed)
+    assert (stored["tune"]["batch"], stored["train"]["precision"]) == (2, "bf16")
+    assert from_json(stored) == changed
+
+
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [

@@ -8,6 +8,7 @@ import pytest
 from study.common.errors import BadInput, StudyError
 from study.config.settings import Config
 from study.results import folder
+from tests.helpers.running import ROOT
 
 CELL = "uav/low/full_vae/seed-0"
 
@@ -65,3 +66,8 @@ def test_the_studies_beside_it_are_named(tmp_path: Path) -> None:
     write(tmp_path / "quick")
     with pytest.raises(BadInput, match=f"did you mean '{tmp_path / 'quick'}'"):
         folder.read(tmp_path / "quik")
+
+
+def test_the_committed_results_are_read() -> None:
+    """Settings may have been added after they were published."""
+    assert folder.read(ROOT / "results" / "paper").config.name == "paper"
