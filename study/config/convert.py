@@ -22,8 +22,8 @@ def to_json(settings: Any) -> dict[str, Any]:
     values: dict[str, Any] = asdict(settings)
     for entry in fields(settings):
         value = getattr(settings, entry.name)
-        added_later = entry.metadata.get("later", False) and value == entry.default
-        if added_later or not entry.metadata.get("stored", True):
+        is_default = entry.metadata.get("added_later", False) and value == entry.default
+        if is_default or not entry.metadata.get("stored", True):
             del values[entry.name]
         elif is_dataclass(value):
             values[entry.name] = to_json(value)

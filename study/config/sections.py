@@ -29,7 +29,7 @@ def setting(default: Any, **allowed: Any) -> Any:
     """A field of a section, with bounds `low` and `high`, both inclusive, or with `choices`.
 
     With ``stored=False`` the setting is not written to files, and no task's key depends on it.
-    With ``later=True`` it was added after studies were published: see
+    With ``added_later=True`` it was added after studies were published: see
     `study.config.convert.to_json`.
     """
     return field(default=default, metadata=allowed)

@@ -128,8 +128,8 @@ class Tune:
     evaluations: int = setting(2, low=1, high=10**5)
     validation: int = setting(64, low=2, high=10**5)
     samples: int = setting(16, low=2, high=10**4)
-    objective: str = setting("mmd2", choices=("mmd2", "elbo"), later=True)
-    batch: int = setting(1, low=1, high=10**5, later=True)
+    objective: str = setting("mmd2", choices=("mmd2", "elbo"), added_later=True)
+    batch: int = setting(1, low=1, high=10**5, added_later=True)
     storage: str | None = setting(None, stored=False)
 
 
@@ -166,7 +166,7 @@ class Train:
     validate_every: int = setting(150, low=1, high=10**8)
     patience: int = setting(8, low=1, high=10**8)
     accelerator: str = setting("auto", choices=("auto", "cpu", "gpu"))
-    precision: str = setting("32", choices=("32", "bf16", "auto"), later=True)
+    precision: str = setting("32", choices=("32", "bf16", "auto"), added_later=True)
 
 
 @dataclass(frozen=True)

@@ -108,8 +108,8 @@ class EnsembleSettings:
     seed: int
     ensemble: Ensemble
     network: Network
-    accelerator: str = setting("auto", later=True)
-    precision: str = setting("32", later=True)
+    accelerator: str = setting("auto", added_later=True)
+    precision: str = setting("32", added_later=True)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class ValidateSettings:
     seed: int
     samples: int
     recorded: Recorded | None = None
-    accelerator: str = setting("auto", later=True)
+    accelerator: str = setting("auto", added_later=True)
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class EvaluateSettings:
     evaluate: Evaluate
     recorded: Recorded | None = None
     training: TrainingSet | None = None
-    accelerator: str = setting("auto", later=True)
+    accelerator: str = setting("auto", added_later=True)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class Setting:
         name: of the field of the section.
         kind: its type.
         default: its default.
-        metadata: bounds `low` and `high`, `choices`, `stored` or `later`.
+        metadata: bounds `low` and `high`, `choices`, `stored` or `added_later`.
     """
 
     section: str
@@ -45,9 +45,9 @@ class Setting:
         return bool(self.metadata.get("stored", True))
 
     @property
-    def is_later(self) -> bool:
+    def was_added_later(self) -> bool:
         """Whether it was added after studies were published, whose files lack it."""
-        return bool(self.metadata.get("later", False))
+        return bool(self.metadata.get("added_later", False))
 
 
 def section_classes() -> dict[str, type[Any]]:
@@ -127,7 +127,7 @@ def to_json(config: Config) -> dict[str, Any]:
     known = known_settings()
     for key, value in values_of(config).items():
         each = known[key]
-        is_left_out = each.is_later and value == each.default
+        is_left_out = each.was_added_later and value == each.default
         if each.is_stored and not is_left_out and _is_used(key, config.grid):
             *path, name = _split(key)
             section = nested
@@ -150,7 +150,7 @@ def from_json(values: Mapping[str, Any], unknown: Iterable[str] = ()) -> Config:
     given = flatten(values)
     config = config_of(given)
     for key, each in known_settings().items():
-        is_expected = each.is_stored and not each.is_later and each.section not in unknown
+        is_expected = each.is_stored and not each.was_added_later and each.section not in unknown
         if key not in given and is_expected and _is_used(key, config.grid):
             raise BadInput(f"the setting '{key}' is missing")
     return config

@@ -48,7 +48,7 @@ def check_setting(
         kind: its type.
         value: from YAML, JSON or code. A whole number may stand for a number, a list for a tuple.
         default: of the setting. Where it is empty, an empty list is allowed.
-        metadata: of the field: `low`, `high`, `choices`, `stored`, `later`.
+        metadata: of the field: `low`, `high`, `choices`, `stored`, `added_later`.
 
     Raises:
         BadInput: names the setting, what was given and what is allowed.
@@ -76,7 +76,7 @@ def _check_item(
     high: Any = None,
     choices: tuple[str, ...] = (),
     stored: bool = True,
-    later: bool = False,
+    added_later: bool = False,
 ) -> None:
     if value is None:
         return
