@@ -16,7 +16,7 @@ from study.recording import catalog as module
 from study.recording.catalog import Catalog, catalog
 from study.recording.forecast import record_forecast
 from study.recording.tuning import record_tuning
-from study.run import TERMINATED
+from study.run import STOPPED, TERMINATED
 from tests.helpers import recordings
 from tests.helpers.running import start
 
@@ -64,7 +64,7 @@ def test_sigterm_leaves_no_temporary_folder(folder: Path, tmp_path: Path) -> Non
     assert list(temporary.glob("study-catalog-*"))
     process.terminate()
     _, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (TERMINATED, "")
+    assert (process.returncode, err) == (TERMINATED, f"{STOPPED}\n")
     assert not list(temporary.iterdir())
 
 
