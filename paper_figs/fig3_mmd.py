@@ -77,8 +77,8 @@ def _plot_environment(
                 counts[model] = values.shape[:2]
                 _curve(axes, values, model, level, palette[model])
         _reference_shifts(axes, shifts)
-        _finish(axes, environment, counts)
         seeds = {r for model, (r, _) in counts.items() if model != ORACLE} or {1}
+        _finish(axes, environment, max(s for _, s in counts.values()), seeds)
         _legend(figure, list(counts), levels(curves), palette, not shifts.empty, seeds)
         return style.save(figure, stem)
 
@@ -116,7 +116,7 @@ def _reference_shifts(axes: Axes, shifts: pd.DataFrame) -> None:
             )
 
 
-def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) -> None:
+def _finish(axes: Axes, environment: str, scenarios: int, seeds: set[int]) -> None:
     axes.set_yscale("function", functions=(_signed_root, _signed_square))
     curves = np.concatenate([np.asarray(line.get_ydata()) for line in axes.lines])
     # With few seeds a band can be far wider, and reach below zero, where no true MMD² is.
@@ -128,11 +128,10 @@ def _finish(axes: Axes, environment: str, counts: dict[str, tuple[int, ...]]) ->
     axes.set_xlim(left=0)
     axes.set_xlabel("forecast step")
     axes.set_ylabel("MMD² (no unit; lower is better)")
-    scenarios = max(s for _, s in counts.values())
-    seeds = max(r for r, _ in counts.values())
-    plural = "s" if seeds > 1 else ""
+    trained = " to ".join(map(str, dict.fromkeys([min(seeds), max(seeds)])))
+    plural = "s" if max(seeds) > 1 else ""
     axes.set_title(
-        f"{label(environment)} ({scenarios} scenarios, {seeds} training seed{plural})", loc="left"
+        f"{label(environment)} ({scenarios} scenarios, {trained} training seed{plural})", loc="left"
     )
 
 
@@ -156,14 +155,15 @@ def _legend(
     if with_shifts:
         handles.append(Line2D([], [], label="reference shift", **SHIFT_LINE))
     ncols = style.columns(handles)
-    figure.legend(
+    legend = figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=ncols,
         handlelength=2.2,
-        title=f"bands: {basis(seeds)}",
+        title=f"bands: {basis(seeds)}".replace("; ", ";\n"),
         title_fontsize=mpl.rcParams["legend.fontsize"],
     )
+    legend.get_title().set_multialignment("center")
 
 
 def _signed_root(value: Doubles) -> Doubles:
