@@ -27,6 +27,7 @@ from study.multiverse.folder import Failure, Multiverse
 from study.results import checksums
 from study.results.folder import settings_of
 from study.results.summary import SCORES, run_each
+from study.workflow.failures import failed_stage
 from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -180,27 +181,6 @@ def _row(universe: str, cell: Cell, task: Task, scores: _Scores, store: Store) -
 def _failures(universe: str, by_cell: Mapping[Cell, Task], store: Store) -> Iterator[Failure]:
     """The cells, of those without scores, that have none because a stage failed."""
     for cell, task in by_cell.items():
-        if cause := _failed_stage(task, store):
+        if cause := failed_stage(task, store):
             error = store.failure(cause).read_text(encoding="utf-8").strip()
             yield Failure(universe, cell.name, cause.name, error)
-
-
-def _failed_stage(
-    task: Task, store: Store, known: dict[Task, Task | None] | None = None
-) -> Task | None:
-    """The first failed stage that a task needs, or the task itself; None if none failed.
-
-    Args:
-        task: the task.
-        store: holds the folders of the tasks.
-        known: the answers for some tasks, since several tasks may have one input.
-    """
-    known = {} if known is None else known
-    if task not in known:
-        known[task] = None
-        if store.reason_to_run(task) is not None:
-            causes = (_failed_stage(source, store, known) for source in task.inputs.values())
-            first = next((cause for cause in causes if cause is not None), None)
-            # The file of a task that was not run says so; the file of its input has the error.
-            known[task] = first or (task if store.failure(task).exists() else None)
-    return known[task]

@@ -16,6 +16,7 @@ from study.recording.integrity import checksum_path
 from study.results import checksums
 from study.results.folder import FORMAT, STUDY_RECORDING, settings_of
 from study.results.origin import of_tasks, to_json
+from study.workflow.failures import failed_stage
 from study.workflow.source import source_digests
 from study.workflow.store import Store
 from study.workflow.task import Task
@@ -84,7 +85,8 @@ def _published(records: Records, store: Store, due: Collection[Task] = ()) -> Re
     """
 
     def is_scored(task: Task) -> bool:
-        return store.reason_to_run(task.inputs["evaluation"]) is None and _fails(task, store)
+        has_scores = store.reason_to_run(task.inputs["evaluation"]) is None
+        return has_scores and failed_stage(task, store) is not None
 
     return {
         cell: task
@@ -98,25 +100,8 @@ def _failed(records: Records, store: Store) -> list[str]:
     return [
         cell.name
         for cell, task in records.items()
-        if _fails(task, store) and _fails(task.inputs["evaluation"], store)
+        if failed_stage(task, store) and failed_stage(task.inputs["evaluation"], store)
     ]
-
-
-def _fails(task: Task, store: Store, known: dict[Task, bool] | None = None) -> bool:
-    """Whether a task is incomplete because this task or one of its inputs failed.
-
-    Args:
-        task: the task.
-        store: holds the folders of the tasks.
-        known: the answers for some tasks, since several tasks may have one input.
-    """
-    known = {} if known is None else known
-    if task not in known:
-        known[task] = store.reason_to_run(task) is not None and (
-            store.failure(task).exists()
-            or any(_fails(source, store, known) for source in task.inputs.values())
-        )
-    return known[task]
 
 
 def _inputs(config: Config, complete: Records, failed: list[str], store: Store) -> str:
