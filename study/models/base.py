@@ -193,22 +193,13 @@ class Model(L.LightningModule, Generic[S]):
         return {}
 
     def negative_elbo(self, batch: dict[str, Tensor]) -> float:
-        """The negative evidence lower bound: E_q[−log p] + KL, with a weight of 1 whatever β is.
-
-        The search for β minimises it if `tune.objective` is `elbo`.
-
-        Args:
-            batch: see `diagnostics`.
-
-        Returns:
-            nats a step, summed over the dimensions of the normalised state.
+        """E_q[−log p] + KL of the batch of `diagnostics`, whatever β is, in nats a step.
 
         Raises:
             StudyError: the class has no evidence lower bound.
         """
-        raise StudyError(
-            f"{full_name(type(self))} has no negative_elbo: set tune.objective to mmd2"
-        )
+        lacks = f"{full_name(type(self))} has no negative_elbo"
+        raise StudyError(f"{lacks}: set tune.objective to mmd2")
 
     @torch.no_grad()
     def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:

@@ -70,7 +70,7 @@ def negative_elbo(model: "VaeModel", batch: dict[str, Tensor]) -> float:
     """
     states, baseline, condition = observed(model, batch)
     mean, log_variance = encode(model, states, baseline, condition)
-    latent = mean + standard_normal(mean) * torch.exp(0.5 * log_variance)
+    latent = sample(mean, log_variance, torch.Generator().manual_seed(0))
     history = states[:, :-1] if is_teacher_forced(model) else None
     means, log_std = model.cvae.decode(states[:, 0], baseline, condition, latent, history)
     log_variance_of_state = model.cvae.decoder.variance.log() + 2 * log_std
@@ -103,10 +103,10 @@ def is_teacher_forced(model: "VaeModel") -> bool:
     return model.is_teacher_forced(model.settings.train.steps)
 
 
-def standard_normal(like: Tensor) -> Tensor:
-    """Standard normal numbers, the same in every call, with the shape and device of `like`."""
-    generator = torch.Generator().manual_seed(0)
-    return torch.randn(like.shape, generator=generator).to(like.device)
+def sample(mean: Tensor, log_variance: Tensor, generator: torch.Generator) -> Tensor:
+    """z_t ~ N(μ, ν) [B, T, Z]. The generator is of the CPU, so all devices have equal samples."""
+    normal = torch.randn(mean.shape, generator=generator).to(mean.device)
+    return mean + normal * torch.exp(0.5 * log_variance)
 
 
 def latent_share(
@@ -132,8 +132,7 @@ def latent_share(
         mean, log_variance: of q_φ(z_t | ·), [B, T, Z].
     """
     generator = torch.Generator().manual_seed(0)
-    normal = torch.randn(mean.shape, generator=generator).to(mean.device)
-    latent = mean + normal * torch.exp(0.5 * log_variance)
+    latent = sample(mean, log_variance, generator)
     rows = torch.arange(0, len(states), -(-len(states) // TRAJECTORIES), device=states.device)
     states, baseline, condition, latent = (
         repeat_samples(values[rows], SAMPLES) for values in (states, baseline, condition, latent)

@@ -22,11 +22,10 @@ from study.config.convert import from_json, to_json
 from study.config.settings import Tune
 from study.config.stage_settings import TrainSettings, TuneSettings
 from study.models import models
-from study.training.elbo import LogNegativeElbo
 from study.training.fit import FitOptions, fit
 from study.training.hardware import fit_device, gpu
-from study.training.inputs import FitInputs, prepare
-from study.training.validation import LogForecastScore
+from study.training.inputs import FitInputs, prepare, validation_trajectories
+from study.training.validation import LogForecastScore, LogNegativeElbo
 
 BETA = "beta"
 """The parameter of a trial."""
@@ -211,7 +210,7 @@ def _short_fit(
 def _score(start: FitInputs, tune: Tune) -> Callback:
     """The callback that logs what the search minimises."""
     if tune.objective == "elbo":
-        return LogNegativeElbo(start.data)
+        return LogNegativeElbo(validation_trajectories(start.model, start.data))
     return LogForecastScore(start.score)
 
 

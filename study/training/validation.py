@@ -64,6 +64,25 @@ class ForecastScore:
         return validation_mmd2(forecasts, observed, self.kernel)
 
 
+class LogNegativeElbo(Callback):
+    """Logs `Model.negative_elbo` of observed trajectories as ``validation_score``.
+
+    Args:
+        batch: the trajectories, see `Model.diagnostics`.
+    """
+
+    def __init__(self, batch: Mapping[str, Tensor]) -> None:
+        self.batch = batch
+
+    def on_validation_batch_end(
+        self, trainer: L.Trainer, model: L.LightningModule, *_: Any
+    ) -> None:
+        """Score the model on the trajectories."""
+        assert isinstance(model, Model)
+        batch = {name: values.to(model.device) for name, values in self.batch.items()}
+        model.log("validation_score", model.negative_elbo(batch), batch_size=len(batch["states"]))
+
+
 class LogForecastScore(Callback):
     """Logs a `ForecastScore` as ``validation_score`` at every validation."""
 

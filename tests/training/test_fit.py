@@ -13,10 +13,9 @@ from study.data.trajectories import ScenarioSet
 from study.models.base import LOG_EVERY
 from study.models.runtime import forget_uses, uses
 from study.training.data_module import TrajectoryDataModule
-from study.training.elbo import LogNegativeElbo
 from study.training.fit import FitOptions, fit
 from study.training.inputs import validation_trajectories
-from study.training.validation import LogForecastScore
+from study.training.validation import LogForecastScore, LogNegativeElbo
 from tests.helpers.models import model, normalization, trajectories
 
 
@@ -47,8 +46,9 @@ def data_module(data_streams: int | None = None) -> TrajectoryDataModule:
 def test_the_search_may_score_by_the_elbo(tmp_path: Path) -> None:
     data, network = data_module(), model("full_vae")
     options = FitOptions(0, 3, 3, None, accelerator="cpu")
-    score = fit(network, data, tmp_path, Progress(), options, [LogNegativeElbo(data)])
-    expected = network.negative_elbo(validation_trajectories(network, data))
+    batch = validation_trajectories(network, data)
+    score = fit(network, data, tmp_path, Progress(), options, [LogNegativeElbo(batch)])
+    expected = network.negative_elbo(batch)
     assert score == pytest.approx(expected, rel=1e-6)
 
 
