@@ -14,6 +14,7 @@ from study.common.provenance import MANIFEST
 from study.config.convert import by_dotted_name
 from study.config.grid import Cell
 from study.config.settings import Config
+from study.config.tree import known_settings
 from study.results.folder import STUDY, settings_of
 from study.workflow.store import Store
 
@@ -82,8 +83,8 @@ def _different_settings(config: Config, out: Path) -> list[str]:
     settings = _study(out).get("settings")
     if not isinstance(settings, dict):
         return ["all, since study.json cannot be read"]
-    old = by_dotted_name(settings)
-    new = by_dotted_name(json.loads(json.dumps(settings_of(config))))
+    old = _by_name(settings)
+    new = _by_name(json.loads(json.dumps(settings_of(config))))
     return [
         name
         for name in sorted(old.keys() | new.keys())
@@ -91,6 +92,16 @@ def _different_settings(config: Config, out: Path) -> list[str]:
         and old.get(name) != new.get(name)
         and not (name.startswith(OF_SOME_CELLS) and _only_other_cells(name, old, new))
     ]
+
+
+def _by_name(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by dotted name, without those that were added later and have their default."""
+    known = known_settings()
+    return {
+        name: value
+        for name, value in by_dotted_name(settings).items()
+        if not (name in known and known[name].was_added_later and value == known[name].default)
+    }
 
 
 def _only_other_cells(name: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:

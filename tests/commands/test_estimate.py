@@ -58,8 +58,11 @@ def test_durations_in_words(seconds: float, expected: str) -> None:
 
 def test_the_duration_on_many_workers_from_published_timings() -> None:
     out = ROOT / "results" / "paper"
-    seconds = read_json(out / "timings.json")["seconds"]
-    lines = study("plan", "--out", out, "--workers", 1).out.splitlines()
+    published = read_json(out / "timings.json")["seconds"]
+    seconds = {
+        name: took for name, took in published.items() if "/seed-" not in name or "/seed-0" in name
+    }
+    lines = study("plan", "--out", out, "--workers", 1, "--grid.seeds", "[0]").out.splitlines()
     (first,) = [index for index, line in enumerate(lines) if line.startswith("on 1 worker: ")]
     assert f"about {in_words(sum(seconds.values()))}, 100% busy, " in lines[first]
     chain = [" ".join(line.split()[:2]) for line in lines[first + 2 :]]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from study.commands.settings import change
-from study.common.files import write_json
+from study.common.files import read_json, write_json
 from study.config.grid import Cell, cells
 from study.config.settings import Config
 from study.results.folder import FORMAT, settings_of
@@ -65,6 +65,17 @@ def test_other_settings(out: Path) -> None:
     text = refused(out, change(CONFIG, ["--grid.levels={low: 0.5, high: 0.1}"]))
     assert text is not None
     assert text.endswith("(settings differ: grid.levels.low)")
+
+
+def test_a_setting_that_was_added_later_may_be_missing_at_its_default(out: Path) -> None:
+    facts = read_json(out / "study.json")
+    assert "precision" not in facts["settings"]["train"]
+    facts["settings"]["train"]["precision"] = "32"
+    write_json(out / "study.json", facts)
+    assert refused(out) is None
+    text = refused(out, change(CONFIG, ["--train.precision=bf16"]))
+    assert text is not None
+    assert text.endswith("(settings differ: train.precision)")
 
 
 def test_a_larger_grid_keeps_everything(out: Path) -> None:
