@@ -26,7 +26,7 @@ from paper_figs.command import command
 from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ORACLE, label
-from study.metrics.intervals import band, basis
+from study.metrics.intervals import band, basis, training_seeds
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -128,11 +128,8 @@ def _finish(axes: Axes, environment: str, scenarios: int, seeds: set[int]) -> No
     axes.set_xlim(left=0)
     axes.set_xlabel("forecast step")
     axes.set_ylabel("MMD² (no unit; lower is better)")
-    trained = " to ".join(map(str, dict.fromkeys([min(seeds), max(seeds)])))
-    plural = "s" if max(seeds) > 1 else ""
-    axes.set_title(
-        f"{label(environment)} ({scenarios} scenarios, {trained} training seed{plural})", loc="left"
-    )
+    counts = f"{scenarios} scenarios, {training_seeds(seeds)}"
+    axes.set_title(f"{label(environment)} ({counts})", loc="left")
 
 
 def _legend(

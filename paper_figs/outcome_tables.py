@@ -23,7 +23,7 @@ from paper_figs.scores import environments, forecasters, levels, main_outcome, r
 from study.common.arrays import Doubles
 from study.config.names import CLIMATOLOGY, ORACLE, label, markdown, uncertainty
 from study.metrics.brier import SMALLEST_RANGE, brier_oracle, skill
-from study.metrics.intervals import Interval, basis, interval
+from study.metrics.intervals import Interval, basis, interval, training_seeds
 from study.metrics.tables.table import LEVELLESS
 
 GOAL = "all"
@@ -256,12 +256,10 @@ def _notes(tables: Tables, with_terms: bool) -> list[str]:
     measured = [row.score for row in rows if row.score]
     scenarios = " to ".join(map(str, sorted({score.scenarios for score in measured})))
     seeds = {row.score.seeds for row in rows if row.score and row.model != ORACLE}
-    trained = " to ".join(map(str, sorted(seeds))) or "no"
     once = any(row.model == CLIMATOLOGY for row in rows)
     best = "a perfect forecast" if once else "the expected score of the oracle"
     notes = [
-        f"{scenarios} scenarios, {trained} training seed{'' if seeds == {1} else 's'}; in brackets "
-        f"{basis(seeds)}.",
+        f"{scenarios} scenarios, {training_seeds(seeds)}; in brackets {basis(seeds)}.",
         "Plain Brier score: lower is better. Skill, of the fair Brier score: 0 for the climatology "
         f"(the base rate), 1 for {best}; — where these two differ by less than {SMALLEST_RANGE:g}.",
         *beyond(row.model for row in rows),

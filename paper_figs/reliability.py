@@ -26,6 +26,7 @@ from paper_figs.command import command
 from paper_figs.scores import environments, levels, models, read_scores
 from study.common.arrays import Doubles
 from study.config.names import ENSEMBLE, ORACLE, label
+from study.metrics.intervals import training_seeds
 from study.metrics.reliability import BINS, group_of, reliability_curve
 from study.metrics.tables.table import select
 from study.plotting import style
@@ -161,13 +162,11 @@ def _histograms(axes: Axes, cells: list[Forecasts | None], colours: list[str]) -
 
 
 def _counts(cells: list[dict[str, Forecasts]]) -> str:
-    """The largest numbers of scenarios and of training seeds."""
+    """The largest number of scenarios, and the numbers of training seeds."""
     scenarios = max(len(f.observed) for cell in cells for f in cell.values())
     trained = [len(f.probability) for c in cells for model, f in c.items() if model != ORACLE]
-    seeds = max(trained, default=0)
     return (
-        f"{scenarios} scenarios, {seeds} training seed{'' if seeds == 1 else 's'};\n"
-        "bars: 95 % t intervals over scenarios"
+        f"{scenarios} scenarios, {training_seeds(trained)};\nbars: 95 % t intervals over scenarios"
     )
 
 

@@ -18,7 +18,7 @@ from paper_figs.command import command
 from paper_figs.formatting import beyond, latex, number, title
 from paper_figs.scores import environments, forecasters, levels, read_scores
 from study.config.names import CLIMATOLOGY, ORACLE, label, uncertainty
-from study.metrics.intervals import Interval, basis, interval
+from study.metrics.intervals import Interval, basis, interval, training_seeds
 from study.metrics.tables.scores import SHIFT_METRICS
 from study.metrics.tables.table import select
 from study.metrics.variance import FIRST_STEP, median_ratio
@@ -219,11 +219,10 @@ def _notes(tables: dict[str, Table], shifts: dict[float, float]) -> list[str]:
     ]
     scenarios = " to ".join(map(str, sorted({entry.scenarios for entry in entries})))
     ratios = any(VARIANCE_RATIOS & set(table) for table in tables.values())
-    seeds = sorted({entry.seeds for entry in entries})
-    trained = " to ".join(map(str, seeds)) or "no"
+    seeds = {entry.seeds for entry in entries}
     notes = [
-        f"{scenarios} scenarios, {trained} training seed{'' if seeds == [1] else 's'}; in brackets "
-        f"{basis(seeds)}. MMD² and Brier scores: no unit. CRPS and energy score: in standard "
+        f"{scenarios} scenarios, {training_seeds(seeds)}; in brackets {basis(seeds)}. "
+        "MMD² and Brier scores: no unit. CRPS and energy score: in standard "
         f"deviations of the training data. {NOTE_RATIOS * ratios}∞ and −∞: some "
         "forecasts are not finite.",
         *(NOTES_ONCE if any(map(_is_observed_once, tables.values())) else ()),

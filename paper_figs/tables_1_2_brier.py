@@ -28,7 +28,7 @@ from paper_figs.scores import (
 )
 from study.claims.paper import BRIER
 from study.config.names import LEVELS, ORACLE, label
-from study.metrics.intervals import Interval, basis, interval
+from study.metrics.intervals import Interval, basis, interval, training_seeds
 from study.metrics.tables.table import select
 
 CLIMATOLOGY = "climatology"
@@ -199,18 +199,16 @@ def counts(table: dict[str, Row]) -> str:
     """The numbers of scenarios and seeds, and what intervals and scores mean."""
     measured = [entry.ours for row in table.values() for entry in row.values() if entry.ours]
     scenarios = " to ".join(map(str, sorted({m.scenarios for m in measured})))
-    trained = [
+    seeds = {
         entry.ours.seeds
         for row in table.values()
         for name, entry in row.items()
         if entry.ours and name not in (ORACLE, CLIMATOLOGY)
-    ]
-    seeds = " to ".join(map(str, sorted(set(trained)))) or "no"
-    unit = "training seed" if seeds == "1" else "training seeds"
+    }
     return (
-        f"{scenarios} scenarios, {seeds} {unit}; in brackets {basis(set(trained))}. A plain Brier "
-        "score is the mean (p - o)², without unit; that of a forecast with few samples is higher "
-        "than that of its probability."
+        f"{scenarios} scenarios, {training_seeds(seeds)}; in brackets {basis(seeds)}. A plain "
+        "Brier score is the mean (p - o)², without unit; that of a forecast with few samples is "
+        "higher than that of its probability."
     )
 
 

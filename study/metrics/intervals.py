@@ -102,6 +102,16 @@ def sum_of_means(parts: Sequence[Array], probability: float = PROBABILITY) -> Ba
     return Band(estimate, np.where(undefined, -np.inf, low), np.where(undefined, np.inf, high))
 
 
+def training_seeds(counts: Collection[int]) -> str:
+    """The numbers of training seeds in words: `1 training seed`, `1 to 5 training seeds`.
+
+    Args:
+        counts: of the intervals of a table or figure; empty if no model was trained.
+    """
+    numbers = " to ".join(map(str, sorted({min(counts), max(counts)}))) if counts else "no"
+    return f"{numbers} training seed{'' if numbers == '1' else 's'}"
+
+
 def basis(seeds: Collection[int]) -> str:
     """What an interval is over, for captions.
 

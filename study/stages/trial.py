@@ -11,7 +11,7 @@ from pathlib import Path
 from study.common.files import read_json, write_json
 from study.common.progress import Progress
 from study.config.stage_settings import TrialSettings
-from study.training.search import propose, run_trial, trial_from_json, trial_to_json
+from study.training.search import BETA, propose, run_trial, trial_from_json, trial_to_json
 from study.training.search_storage import database_trial, explained
 
 
@@ -21,12 +21,13 @@ def run(settings: TrialSettings, inputs: Mapping[str, Path], out: Path, progress
     first = number // tune.batch * tune.batch
     earlier = (inputs[f"trial-{index}"] / "trial.json" for index in range(first))
     history = [trial_from_json(read_json(path), tune) for path in earlier]
-    search, trial, beta = propose(history, number, settings)
+    trial = propose(history, number, settings)
+    beta = float(trial.params[BETA])
     with (
         explained(settings.database),
         database_trial(settings.database, number, beta, tune) as trial_copy,
     ):
-        ended = run_trial(search, trial, beta, settings, inputs, out, progress, trial_copy)
+        ended = run_trial(trial, settings, inputs, out, progress, trial_copy)
         if trial_copy is not None:
             trial_copy.end(ended)
     write_json(out / "trial.json", trial_to_json(number, ended))

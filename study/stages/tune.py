@@ -59,9 +59,9 @@ def _run_trials(
     while (index := len(search.get_trials(deepcopy=False, states=ENDED))) < count:
         search.sampler = sampler(index, settings)
         trial = search.ask()
-        beta = suggest(trial, settings.tune)
+        suggest(trial, settings.tune)
         part = progress.part(index / count, (index + 1) / count)
-        run_trial(search, trial, beta, settings, inputs, out, part)
+        run_trial(trial, settings, inputs, out, part)
 
 
 def _open_search(settings: TuneSettings, out: Path) -> optuna.Study:

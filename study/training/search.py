@@ -52,9 +52,7 @@ def suggest(trial: optuna.Trial, tune: Tune) -> float:
     return float(trial.suggest_float(BETA, tune.beta_low, tune.beta_high, log=True))
 
 
-def propose(
-    history: Sequence[FrozenTrial], number: int, settings: TuneSettings
-) -> tuple[optuna.Study, optuna.Trial, float]:
+def propose(history: Sequence[FrozenTrial], number: int, settings: TuneSettings) -> optuna.Trial:
     """Propose the trial `number` of a search whose trials run in batches.
 
     The trials of its batch before it count as running. The sampler chooses the next β away from
@@ -66,21 +64,19 @@ def propose(
         settings: of the search.
 
     Returns:
-        a search in memory, its trial, and the β.
+        the trial, of a search in memory. It has its β.
     """
     search = optuna.create_study(pruner=pruner(settings.tune))
     search.add_trials(history)
     for index in range(len(history), number + 1):
         search.sampler = sampler(index, settings)
         trial = search.ask()
-        beta = suggest(trial, settings.tune)
-    return search, trial, beta
+        suggest(trial, settings.tune)
+    return trial
 
 
 def run_trial(
-    search: optuna.Study,
     trial: optuna.Trial,
-    beta: float,
     settings: TuneSettings,
     inputs: Mapping[str, Path],
     out: Path,
@@ -90,9 +86,7 @@ def run_trial(
     """Fit a trial, and end it in its search.
 
     Args:
-        search: has the earlier trials, with which the pruner compares.
-        trial: of the search.
-        beta: of the trial.
+        trial: has its β. Its search has the earlier trials, with which the pruner compares.
         settings: of the search.
         inputs: the folders of the data, and of the ensemble if the model uses one.
         out: a folder for temporary files.
@@ -102,8 +96,9 @@ def run_trial(
     Raises:
         StudyError: the score is not finite.
     """
+    search, beta = trial.study, float(trial.params[BETA])
     report = ReportToOptuna(trial, trial_copy)
-    score = _short_fit(beta, settings, inputs, out, progress, report, search)
+    score = _short_fit(settings, inputs, out, progress, report)
     if report.pruned:
         return search.tell(trial, state=TrialState.PRUNED)
     if not np.isfinite(score):
@@ -169,23 +164,21 @@ class ReportToOptuna(Callback):
 
 
 def _short_fit(
-    beta: float,
     settings: TuneSettings,
     inputs: Mapping[str, Path],
     out: Path,
     progress: Progress,
     report: ReportToOptuna,
-    search: optuna.Study,
 ) -> float:
     """The validation score after a short fit. All trials start from the same weights."""
-    tune, seed = settings.tune, settings.fit.seed
+    tune, seed, beta = settings.tune, settings.fit.seed, float(report.trial.params[BETA])
     start = prepare(_trial_settings(settings), inputs, beta, tune.samples, tune.validation)
     options = FitOptions(
         seed,
         tune.steps,
         tune.steps // tune.evaluations,
         patience=None,
-        accelerator=_settled_accelerator(search, start, tune.steps),
+        accelerator=_settled_accelerator(report.trial.study, start, tune.steps),
         precision=start.train.precision,
     )
     curves = out / "trial"

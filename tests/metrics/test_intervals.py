@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from study.common.arrays import Doubles
-from study.metrics.intervals import band, basis, difference, interval, sum_of_means
+from study.metrics.intervals import band, basis, difference, interval, sum_of_means, training_seeds
 
 SCENARIOS = 250
 VARIATION = {
@@ -122,6 +122,13 @@ def test_one_seed_is_a_t_interval_over_scenarios() -> None:
     assert "scenarios only" in basis({1})
     assert "seeds and scenarios" in basis({2})
     assert "1 seed over scenarios only" in basis({1, 2})
+
+
+def test_the_numbers_of_training_seeds_in_words() -> None:
+    assert training_seeds({1}) == "1 training seed"
+    assert training_seeds({5}) == "5 training seeds"
+    assert training_seeds([5, 3, 1, 5]) == "1 to 5 training seeds"
+    assert training_seeds(()) == "no training seeds"
 
 
 def test_one_scenario_is_a_t_interval_over_seeds() -> None:

@@ -23,6 +23,7 @@ from study.config.settings import Engine
 from study.config.stage_settings import Database, TrialSettings, TuneSettings
 from study.training import search_storage
 from study.training.search import (
+    BETA,
     propose,
     pruner,
     sampler,
@@ -64,13 +65,13 @@ def curve(beta: float) -> dict[int, float]:
     return {step: abs(np.log(beta / 200)) + 1 / step for step in (50, 100, 150, 200)}
 
 
-def run_synthetic(search: optuna.Study, trial: optuna.Trial, beta: float) -> FrozenTrial:
+def run_synthetic(trial: optuna.Trial) -> FrozenTrial:
     """A trial with the scores of `curve`."""
-    for step, score in curve(beta).items():
+    for step, score in curve(trial.params[BETA]).items():
         trial.report(score, step)
         if trial.should_prune():
-            return search.tell(trial, state=TrialState.PRUNED)
-    return search.tell(trial, score)
+            return trial.study.tell(trial, state=TrialState.PRUNED)
+    return trial.study.tell(trial, score)
 
 
 def synthetic_search(settings: TuneSettings) -> list[dict[str, Any]]:
@@ -79,9 +80,9 @@ def synthetic_search(settings: TuneSettings) -> list[dict[str, Any]]:
     for number in range(settings.tune.trials):
         first = number // settings.tune.batch * settings.tune.batch
         history = [trial_from_json(trial, settings.tune) for trial in trials[:first]]
-        search, trial, beta = propose(history, number, settings)
+        trial = propose(history, number, settings)
         assert trial.number == number
-        trials.append(trial_to_json(number, run_synthetic(search, trial, beta)))
+        trials.append(trial_to_json(number, run_synthetic(trial)))
     return trials
 
 
@@ -99,7 +100,8 @@ def test_batches_of_one_trial_are_the_search_of_the_stage_tune() -> None:
     for index in range(settings.tune.trials):
         search.sampler = sampler(index, settings)
         trial = search.ask()
-        run_synthetic(search, trial, suggest(trial, settings.tune))
+        suggest(trial, settings.tune)
+        run_synthetic(trial)
     expected = [trial_to_json(trial.number, trial) for trial in search.trials]
     assert {trial["state"] for trial in expected} == {"complete", "pruned"}
     assert synthetic_search(settings) == expected
