@@ -13,7 +13,7 @@ study: $(VENV)/.study
 test: $(VENV)/.test
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal
 
-# The tests of every room but the slow ones: under 90 seconds on two cores. One thread a process.
+# The tests of every package but the slow ones: under 90 seconds on two cores. One thread a process.
 quicktest: $(VENV)/.test
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n auto -m 'not slow and not viewer and not browser'
 

@@ -63,7 +63,7 @@ def claims(claims: Claims) -> str:
             else NOTHING
         )
         rows.append([claim["text"], claim["verdict"], effect])
-    return pipe_table(["claim", "verdict", "smallest effect [95 % interval]"], rows, align="---")
+    return pipe_table(["claim", "verdict", "effect [95 % interval]"], rows, align="---")
 
 
 def readings(claims: Claims, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Settings. Importing the room registers the sections of the study's own models."""
+"""Settings. Importing the package registers the sections of the study's own models."""
 
 from study.config import model_sections
 

@@ -73,9 +73,9 @@ def _evaluated(store: Store) -> set[str]:
 
 
 def _label(name: str) -> str:
-    """The label of the task `evaluate` of a cell. All levels and seeds share that of the oracle."""
-    environment, *_ = parts = name.split("/")
-    return f"{environment}/oracle" if "oracle" in parts else name
+    """The label of the task `evaluate` of a cell. All levels share that of the oracle."""
+    parts = name.split("/")
+    return f"{parts[0]}/oracle/{parts[-1]}" if "oracle" in parts else name
 
 
 def _different_settings(config: Config, out: Path) -> list[str]:

@@ -60,12 +60,12 @@ class DaskWorkers(Workers):
 
     def __init__(self, client: Any, most: int, expected: Expected | None = None) -> None:
         self._client, self._most, self._expected = client, most, expected
-        self._rooms: tuple[float, Mapping[str, int]] = (0.0, {})
+        self._capacity: tuple[float, Mapping[str, int]] = (0.0, {})
         self._plain = client.get_executor(pure=False, retries=0)
         self._on_gpu = client.get_executor(pure=False, retries=0, resources={GPU: 1})
-        self._has_gpu = GPU in self.rooms()
+        self._has_gpu = GPU in self.capacity()
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         """The number of workers, and of those that offer a GPU.
 
         Raises:
@@ -74,13 +74,13 @@ class DaskWorkers(Workers):
         if self._expected is None:
             return {"": self._most}
         self._check_connection()
-        asked, rooms = self._rooms
-        if not rooms or time.monotonic() - asked > ASK_AFTER:
-            rooms = self._ask_rooms()
-            self._rooms = time.monotonic(), rooms
-        return rooms
+        asked, capacity = self._capacity
+        if not capacity or time.monotonic() - asked > ASK_AFTER:
+            capacity = self._ask_capacity()
+            self._capacity = time.monotonic(), capacity
+        return capacity
 
-    def _ask_rooms(self) -> Mapping[str, int]:
+    def _ask_capacity(self) -> Mapping[str, int]:
         try:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         except (OSError, RuntimeError):
@@ -230,7 +230,7 @@ def _check_workers(client: Any, expected: Expected) -> None:
 
 
 def _check_gpu(workers: DaskWorkers, address: str, tasks: Iterable[Task]) -> None:
-    if GPU not in workers.rooms() and any(accelerator(task) == "gpu" for task in tasks):
+    if GPU not in workers.capacity() and any(accelerator(task) == "gpu" for task in tasks):
         raise BadInput(
             f"train.accelerator: got 'gpu', and no worker of {address} offers one; start one with "
             "`dask worker --resources GPU=1`, or give auto"

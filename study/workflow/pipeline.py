@@ -109,7 +109,7 @@ class Pipeline:
     def evaluate(self, cell: Cell) -> Task:
         """Forecasts of the test scenarios and their scores.
 
-        The oracle's label and seed do not contain the level, so both levels share one task.
+        The label and the seed of the oracle do not contain the level, so all levels share one task.
         """
         settings = self.evaluate_settings(cell)
         inputs = {"data": self.collect(cell.environment)}
@@ -119,7 +119,8 @@ class Pipeline:
         elif not cell.is_reference:
             inputs["trained"] = self.train(cell)
             classes.append(models[cell.model])
-        label = f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name
+        is_oracle = cell.model == "oracle"
+        label = f"{cell.environment}/oracle/seed-{cell.seed}" if is_oracle else cell.name
         return self._task("evaluate", label, settings, classes, **inputs)
 
     def evaluate_settings(self, cell: Cell) -> EvaluateSettings:

@@ -67,7 +67,7 @@ def run_tasks(
                 end(Outcome(dependent, 0.0, f"{NOT_RUN}: {task.name} failed"))
 
     while queue or running:
-        for task in queue.pop(workers.rooms(), running.values()):
+        for task in queue.pop(workers.capacity(), running.values()):
             started(task)
             running[workers.submit(execute, task, store.root, threads, terms)] = task
         completed, _ = wait(running, timeout=POLL, return_when=FIRST_COMPLETED)

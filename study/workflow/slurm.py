@@ -150,7 +150,7 @@ class SlurmWorkers(DaskWorkers):
         self._jobs, self._pending, self._polled = jobs, set[Future[Any]](), 0.0
         super().__init__(client, most, expected)
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         """The number of workers that there are, or may be; asks for jobs."""
         self._check_connection()
         self._pending = {future for future in self._pending if not future.done()}

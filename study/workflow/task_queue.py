@@ -43,19 +43,19 @@ class TaskQueue:
         """Add a task that is ready, or that shall run once more."""
         heappush(self._ready[self._resource(task)], self._rank[task])
 
-    def pop(self, rooms: Mapping[str, int], running: Iterable[Task]) -> Iterator[Task]:
+    def pop(self, capacity: Mapping[str, int], running: Iterable[Task]) -> Iterator[Task]:
         """Take the first tasks that fit beside the running ones.
 
         Args:
-            rooms: how many tasks can run, by the resource that they need. Under the empty name, how
-                many in all.
+            capacity: how many tasks can run, by the resource that they need. Under the empty name,
+                how many in all.
             running: the tasks that run.
         """
         used = Counter(map(self._resource, running))
-        free = rooms[""] - used.total()
+        free = capacity[""] - used.total()
         for resource in sorted(self._ready, reverse=True):  # those that need a resource are first
-            room = rooms.get(resource, 0) - used[resource] if resource else free
-            for _ in range(min(room, free, len(self._ready[resource]))):
+            available = capacity.get(resource, 0) - used[resource] if resource else free
+            for _ in range(min(available, free, len(self._ready[resource]))):
                 free -= 1
                 yield self._tasks[heappop(self._ready[resource])]
 

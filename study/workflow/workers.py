@@ -12,7 +12,7 @@ T = TypeVar("T")
 class Workers(Executor):
     """An executor that knows how many tasks it can run at a time."""
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         """How many tasks can run at a time, by the resource that they need.
 
         Under the empty name stands how many can run in all, at least 1.
@@ -30,7 +30,7 @@ class Workers(Executor):
 class SerialWorkers(Workers):
     """Runs each call immediately, in this process."""
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         """One task at a time."""
         return {"": 1}
 

@@ -104,7 +104,7 @@ class Simulated(Workers):
         self._chance = random.Random(0)
         self._events: list[tuple[float, int, Future[Outcome], Outcome | None, float]] = []
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         """All workers, always."""
         return {"": self.count}
 

@@ -11,7 +11,9 @@ import pytest
 
 from tests.helpers.running import ROOT
 
-SOURCES = [path for room in ("study", "paper_figs") for path in sorted((ROOT / room).rglob("*.py"))]
+SOURCES = [
+    path for folder in ("study", "paper_figs") for path in sorted((ROOT / folder).rglob("*.py"))
+]
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
 LOCALES = {
     "ascii": ASCII,

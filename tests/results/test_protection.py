@@ -89,7 +89,8 @@ def test_a_larger_grid_keeps_everything(out: Path) -> None:
 
 def test_what_work_has_can_be_made_again(out: Path) -> None:
     for cell in EVERY:
-        evaluated(out, f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name)
+        oracle = f"{cell.environment}/oracle/seed-{cell.seed}"
+        evaluated(out, oracle if cell.model == "oracle" else cell.name)
     assert refused(out, made=[]) is None
     assert refused(out, change(CONFIG, ["--train.steps=7"]), [ONE]) is None
 

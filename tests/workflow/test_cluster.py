@@ -127,7 +127,7 @@ def test_certificates_of_dasks_settings_are_used(
         assert cluster.address.startswith("tls://")
         cluster.wait_for_workers(1)
         with start(_engine(cluster), tmp_path / "store", []) as workers:
-            assert workers.rooms() == {"": 1}
+            assert workers.capacity() == {"": 1}
             assert workers.submit(_name_of_worker, Task("record", "a", {})).result(60) == 0
 
 
@@ -216,7 +216,7 @@ def test_a_gpu_is_asked_for_where_a_worker_offers_one(cluster: Cluster, tmp_path
     cluster.wait_for_workers(before + 1)
     try:
         with start(_engine(cluster), tmp_path, [train]) as workers:
-            assert workers.rooms() == {"": before + 1, GPU: 1}
+            assert workers.capacity() == {"": before + 1, GPU: 1}
             assert (workers.resource(train), workers.resource(other)) == (GPU, "")
             run_on = workers.submit(_name_of_worker, train)
             assert run_on.result(timeout=60) == 8

@@ -23,7 +23,7 @@ class Pretend(Workers):
         self.ends, self.open, self.most = ends, list[tuple[Task, Future[Any]]](), 0
         self.workers = workers
 
-    def rooms(self) -> Mapping[str, int]:
+    def capacity(self) -> Mapping[str, int]:
         return {"": self.workers}
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -164,7 +164,7 @@ def test_tasks_for_a_gpu_wait_for_one_and_others_do_not(
     """Of three workers one has a GPU, which the three tasks train need."""
 
     class WithGpu(Pretend):
-        def rooms(self) -> Mapping[str, int]:
+        def capacity(self) -> Mapping[str, int]:
             return {"": 3, "GPU": 1}
 
         def resource(self, task: Task) -> str:

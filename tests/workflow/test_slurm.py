@@ -27,7 +27,7 @@ def _job_after(seconds: float) -> str:
 
 def _wait_for_jobs(workers: Workers) -> None:
     while True:
-        workers.rooms()
+        workers.capacity()
         time.sleep(0.2)
 
 
@@ -57,13 +57,13 @@ def test_jobs_are_asked_for_again_and_end_before_their_walltime(
         prologue=("export FROM_PROLOGUE=yes", "export JOB=$SLURM_JOB_ID"),
     )
     with start(engine, tmp_path, []) as workers:
-        assert workers.rooms() == {"": 1}
+        assert workers.capacity() == {"": 1}
         variable = workers.submit(os.getenv, "FROM_PROLOGUE")
         jobs = set[str]()
         while len(jobs) < 2:
             call = workers.submit(_job_after, 2)
             while wait([call], timeout=0.5).not_done:
-                workers.rooms()
+                workers.capacity()
             if call.exception() is None:  # its worker was not lost
                 jobs.add(call.result())
         assert variable.result() == "yes"

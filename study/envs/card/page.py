@@ -60,8 +60,8 @@ The physics of the study's own environments runs in MuJoCo. The tests in `tests/
 with conservation laws, formulas and independent implementations, and the Gymnasium environments
 with the batched simulators. The benchmarks in `tests/benchmarks/` measure the speed.
 
-The command `portrait` writes such a page. The first line writes the page of the study's own
-environments, the second one a page about an environment of `study/examples/`:
+The command `portrait` writes a page like this one. The first line below writes this page, the
+second one a page about an environment of `study/examples/`:
 
 ```
 python -m study.run portrait --config configs/paper.yaml --to study/envs
