@@ -15,7 +15,11 @@ from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.multiverse.report import influence_on
 
-SECTIONS = {"Pusher (section V-A)": "V-A", "UAV (section V-B)": "V-B", "checks of our own": OURS}
+SECTIONS = {
+    "Pusher (section IV-A)": "IV-A",
+    "UAV (section IV-B)": "IV-B",
+    "checks of our own": OURS,
+}
 
 Claims = list[dict[str, Any]]
 """``claims.json`` of a study."""

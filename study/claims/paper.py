@@ -1,4 +1,4 @@
-"""The results of the paper as data: its Tables I and II, and the claims of its section V.
+"""The results of the paper as data: its Tables I and II, and the claims of its section IV.
 
 The claims are about the paper's two environments and three models only. Their smallest effects
 of interest were fixed before any run.
@@ -37,7 +37,7 @@ BRIER = {
 
 def _section(environment: str) -> str:
     """The section of the paper about an environment."""
-    return {"pusher": "V-A", "uav": "V-B"}[environment]
+    return {"pusher": "IV-A", "uav": "IV-B"}[environment]
 
 
 def _place(environment: str, level: str) -> str:
@@ -99,7 +99,7 @@ def _mmd_claims() -> list[Claim]:
         *claims,
         Claim(
             "mmd-full-rises-most-uav",
-            "V-B",
+            "IV-B",
             "UAV: the full VAE's MMD rises more with epistemic uncertainty than the other two's.",
             tuple(
                 minus(full_on_uav, rise("mmd2", "uav", other), f"rise beyond the {label(other)}'s")
@@ -111,7 +111,7 @@ def _mmd_claims() -> list[Claim]:
         ),
         Claim(
             "mmd-full-rises-more-uav-than-pusher",
-            "V-B",
+            "IV-B",
             "The full VAE's MMD rises more on the UAV than on the Pusher.",
             (minus(full_on_uav, rise("mmd2", "pusher", FULL), "UAV's rise minus Pusher's"),),
             Rule.ABOVE,
@@ -120,7 +120,7 @@ def _mmd_claims() -> list[Claim]:
         ),
         Claim(
             "mmd-uav-larger",
-            "V-B",
+            "IV-B",
             "MMD is larger on the UAV than on the Pusher, for each model and level.",
             tuple(
                 Contrast(
@@ -158,7 +158,7 @@ def _brier_claims() -> list[Claim]:
     ]
     higher_with_less_data = Claim(
         "brier-rises-uav",
-        "V-B",
+        "IV-B",
         "UAV: the Brier scores of all three models are higher where epistemic uncertainty is high.",
         tuple(rise("brier", "uav", model) for model in MODELS),
         Rule.ABOVE,
@@ -169,7 +169,7 @@ def _brier_claims() -> list[Claim]:
 
 
 def _double_counting() -> Claim:
-    """A conjecture of section V-B, which the true aleatoric variance can decide."""
+    """A conjecture of section IV-B, which the true aleatoric variance can decide."""
     metric = "log_aleatoric_ratio"
     above_true = Contrast(
         "log of the full VAE's aleatoric variance over the true, high epistemic",
@@ -177,7 +177,7 @@ def _double_counting() -> Claim:
     )
     return Claim(
         "double-counting-uav",
-        "V-B",
+        "IV-B",
         "UAV: the full VAE counts epistemic uncertainty twice: its aleatoric variance is above the "
         "true one where there is little data, and more so than where there is much.",
         (above_true, rise(metric, "uav", FULL)),

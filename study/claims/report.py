@@ -10,7 +10,7 @@ import numpy as np
 
 from study.claims.claim import EQUIVALENCE_MARGIN, OURS, Claim, Rule
 from study.claims.judge import LARGEST_RATIO, VARIANCE_METRICS, Finding, Outcome, Verdict
-from study.metrics.intervals import basis
+from study.metrics.intervals import basis, training_seeds
 
 RULES = {
     Rule.ABOVE: (
@@ -146,11 +146,8 @@ def _summary(verdicts: Sequence[Verdict]) -> str:
     line = f"Of {len(claims)} claims of the paper: {_tally(claims)}."
     if checks:
         line += f" Of {len(checks)} checks of this study: {_tally(checks)}."
-    seeds = sorted({finding.seeds for verdict in verdicts for finding in verdict.findings})
-    if not seeds:
-        return line
-    ends = " to ".join(map(str, dict.fromkeys([seeds[0], seeds[-1]])))
-    return f"{line} Training seeds: {ends}; {basis(seeds)}."
+    seeds = {finding.seeds for verdict in verdicts for finding in verdict.findings}
+    return f"{line} {training_seeds(seeds)}; {basis(seeds)}." if seeds else line
 
 
 def _tally(verdicts: Sequence[Verdict]) -> str:

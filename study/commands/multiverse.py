@@ -120,7 +120,7 @@ def _run(
         say(terminal, f"FAILED {task.name}: {message}  log: {store.log(task)}")
     if problem is not None:
         say(terminal, f"FAILED {problem}")
-    say(terminal, f"{len(collected.run)} of {len(every)} universes have scores")
+    say(terminal, f"{len(collected.scored)} of {len(every)} universes have scores")
     for name in ("README.md", "choices.md", "figures", str(results.RECORDING)):
         say(terminal, f"{out / name}{'' if written else '  (up to date)'}")
     return 1 if errors or problem else 0

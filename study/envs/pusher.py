@@ -1,4 +1,4 @@
-"""The Pusher (paper section V-A): a two-link arm above a table pushes a ball to a target."""
+"""The Pusher (paper section IV-A): a two-link arm above a table pushes a ball to a target."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The UAV (paper section V-B): a quadrotor with an unobserved payload flies through gusts."""
+"""The UAV (paper section IV-B): a quadrotor with an unobserved payload flies through gusts."""
 
 from typing import ClassVar
 

@@ -1,6 +1,6 @@
 """Brier score of forecast outcomes: the mean squared error of a probability (Brier 1950).
 
-See section IV-D of the paper. The forecast probability p of a scenario is the share of its K
+See section III-D of the paper. The forecast probability p of a scenario is the share of its K
 samples in which the outcome happens. The score is the mean of (p - o)² over the outcomes o of all
 observed rollouts of the scenario.
 

@@ -1,6 +1,6 @@
 """Maximum mean discrepancy with a Gaussian kernel, for each scenario, step and state dimension.
 
-Section IV-D of the paper: "each forecasted state dimension is compared with the corresponding
+Section III-D of the paper: "each forecasted state dimension is compared with the corresponding
 environmental observation at a temporal level". States are in standard deviations of the training
 data. The kernel is k(x, y) = exp(-(x - y)² / 2h²). The forecast samples are x_1 … x_K, the observed
 rollouts y_1 … y_L:

@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
 from study.common.errors import BadInput, StudyError
 from study.config.convert import from_json, to_json
+from study.config.names import ENSEMBLE
 from study.data.normalization import Normalization
 from study.models import Model, models
 from study.models.rnn_ensemble import RnnEnsemble
 from study.models.runtime import runtime
 
-ENSEMBLE = "ensemble"
 """The name of the `RnnEnsemble`, which is not among the registered models."""
 
 
@@ -101,11 +101,15 @@ def load_model(path: Path) -> Model[Any]:
     """Read what `save_model` wrote, ready to forecast.
 
     Raises:
-        StudyError: another version of the study wrote the file.
+        StudyError: the file is missing or damaged, or another version of the study wrote it.
     """
-    with safe_open(path, framework="np") as file:
-        facts = json.loads(file.metadata()["facts"])
-    tensors = load_file(path)
+    try:
+        with safe_open(path, framework="np") as file:
+            facts = json.loads(file.metadata()["facts"])
+        tensors = load_file(path)
+    except (OSError, SafetensorError, ValueError, KeyError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise StudyError(f"{path} is missing or damaged ({reason})") from error
     try:
         arrays = [np.asarray(tensors[entry.name].numpy()) for entry in fields(Normalization)]
         normalization = Normalization(*arrays)
@@ -116,8 +120,8 @@ def load_model(path: Path) -> Model[Any]:
         settings = from_json(class_of(facts["model"]).settings_class, facts["settings"])
         model = build(facts["model"], normalization, settings, facts["beta"], ensemble)
         model.load_state_dict(tensors)
-    except (BadInput, KeyError, RuntimeError, TypeError) as error:
-        reason = str(error).splitlines()[0]
+    except (BadInput, KeyError, RuntimeError, TypeError, ValueError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise StudyError(
             f"{path}: another version of the study wrote these weights of {facts['model']} "
             f"({reason}); run the study again, or use that version"

@@ -209,6 +209,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         probabilities = weights.expand(len(states), -1).flatten()
         sampled = torch.multinomial(probabilities, TRANSITIONS, replacement=True)
         row, t = sampled // horizon, sampled % horizon
+        # m ~ U{0 … M−1}, Algorithm 1, line 4
         member = torch.randint(baselines.shape[1], (len(states),), device=states.device)
         baseline, condition = self.select(baselines, actions, member[:, None])
         latent, divergence = self.encode(states, condition, step)
@@ -276,6 +277,7 @@ class CrpsModel(BaselineModel[CrpsSettings]):
         """
         s0, truth, crps = states[:, 0], states[:, 1:], self.settings.crps
         shape = (len(s0), crps.samples)
+        # m ~ U{0 … M−1} of each forecast
         member = torch.randint(baselines.shape[1], shape, device=s0.device)
         noise = torch.randn(*shape, truth.shape[1], self.noise_size, device=s0.device)
         forecasts = self.generate(s0, actions, noise, member, baselines)

@@ -12,6 +12,7 @@ from study.common.errors import StudyError
 from study.common.progress import Progress
 from study.common.registry import full_name
 from study.common.seeds import Seeds
+from study.config.names import ENSEMBLE, ORACLE
 from study.data.storage import Arrays
 from study.data.trajectories import ScenarioSet
 from study.envs import Simulator
@@ -39,9 +40,9 @@ def load_forecaster(name: str, simulator: Simulator, inputs: Mapping[str, Path])
     Raises:
         StudyError: another version of the study wrote the weights.
     """
-    if name == "oracle":
+    if name == ORACLE:
         return Oracle(simulator)
-    if name == "ensemble":
+    if name == ENSEMBLE:
         return load_model(inputs["ensemble"] / "ensemble.safetensors")
     return load_model(inputs["trained"] / "model.safetensors")
 

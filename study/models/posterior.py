@@ -80,9 +80,13 @@ def negative_elbo(model: "VaeModel", batch: dict[str, Tensor]) -> float:
 
 
 def observed(model: "VaeModel", batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """States s_{0:T}, baselines b_{0:T} and conditions c_{0:T-1} of observed trajectories.
+    """States and baselines [B, T+1, D] and conditions [B, T, C] of observed trajectories.
 
     Every member of the ensemble in turn, so that no random number is needed.
+
+    Args:
+        model: the VAE.
+        batch: see `validation_trajectories`.
     """
     states, actions = batch["states"], batch["actions"]
     baselines = model.baselines(states[:, 0], actions, batch.get("members"))
@@ -93,7 +97,14 @@ def observed(model: "VaeModel", batch: dict[str, Tensor]) -> tuple[Tensor, Tenso
 def encode(
     model: "VaeModel", states: Tensor, baseline: Tensor, condition: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Mean and log variance of q_φ(z_t | ·), [B, T, Z] each."""
+    """Mean and log variance of q_φ(z_t | ·), [B, T, Z] each.
+
+    Args:
+        model: the VAE.
+        states: s_{0:T} [B, T+1, D].
+        baseline: b_{0:T} [B, T+1, D].
+        condition: c_{0:T-1} [B, T, C].
+    """
     target = states[:, 1:] - baseline[:, 1:]
     return model.cvae.encode(target, states[:, :-1], condition)
 
@@ -122,7 +133,7 @@ def latent_share(
         E Var_z[ŝ_{t+1}] / (E Var_z[ŝ_{t+1}] + E σ²_{t+1}),   z_t ~ N(0, I)
 
     where σ² is the variance of p_θ, and the history is the same for all z_t: the observed states,
-    and z_{0:t-1} from q_φ. The share is 0 for a collapsed posterior. It is 1 if p_θ has no noise.
+    and z_{0:t-1} from q_φ. The share is 0 if the decoder ignores z_t, and 1 if p_θ has no noise.
 
     Args:
         model: the VAE.

@@ -45,7 +45,7 @@ class Climatology:
         _check_horizon(self.training, actions)
         steps = actions.shape[1]
         rows = _random_rows(len(self.training), samples, seeds)
-        return np.stack([self.training.states[row, 1 : steps + 1] for row in rows])
+        return self.training.states[rows, 1 : steps + 1]
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,14 @@ class Analogues:
         self.training, self.validation = training, validation
         self.state_scale = nonzero_scale(training.states.std(axis=(0, 1), dtype=np.float64))
         self.action_scale = nonzero_scale(training.actions.std(axis=(0, 1), dtype=np.float64))
+        self._chosen: dict[int, int] = {}
 
     def forecast(self, s0: Floats, actions: Floats, samples: int, seeds: Seeds) -> Floats:
         """See `Forecaster.forecast`. The forecasts do not depend on the seeds."""
         _check_horizon(self.training, actions)
-        return self.of_nearest(s0, actions, samples, self.neighbours(samples))
+        if samples not in self._chosen:
+            self._chosen[samples] = self.neighbours(samples)
+        return self.of_nearest(s0, actions, samples, self._chosen[samples])
 
     def neighbours(self, samples: int) -> int:
         """The number of analogues with the lowest CRPS of the validation windows."""
@@ -133,11 +136,8 @@ def _random_rows(count: int, samples: int, seeds: Seeds) -> Integers:
 
 def _with_changes(training: Trajectories, s0: Floats, rows: Integers, steps: int) -> Floats:
     """s_0 plus the changes of the training windows `rows` [S, K], [S, K, T, D]."""
-    forecasts = np.empty((*rows.shape, steps, s0.shape[1]), np.float32)
-    for scenario, chosen in enumerate(rows):
-        states = training.states[chosen, : steps + 1]
-        forecasts[scenario] = s0[scenario] + (states[:, 1:] - states[:, :1])
-    return forecasts
+    states = training.states[rows, : steps + 1]
+    return s0[:, None, None] + (states[:, :, 1:] - states[:, :, :1])
 
 
 def _nearest(wanted: Floats, known: Floats, count: int) -> Integers:

@@ -1,4 +1,4 @@
-"""An ensemble of residual VAEs: epistemic uncertainty of the CVAE, future work in section VI."""
+"""An ensemble of residual VAEs: epistemic uncertainty of the CVAE, future work in section V."""
 
 import torch
 from torch import Tensor

@@ -70,7 +70,8 @@ class VaeModel(BaselineModel[VaeSettings]):
 
             −E_q[log p_θ(s_{t+1} | ε̂_{t+1} + ŝ^m_{t+1})] + β KL[q_φ(z_t | ·) ‖ p(z_t)]
 
-        averaged over the batch and over t. The likelihood is weighted: see `heteroscedastic_nll`.
+        averaged over the batch and over t. Equation (11) has the sum over t: the mean scales both
+        terms alike, so β means the same. The likelihood is weighted: see `heteroscedastic_nll`.
         """
         states, actions = batch["states"], batch["actions"]
         s0, truth = states[:, 0], states[:, 1:]

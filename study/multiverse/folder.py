@@ -47,7 +47,7 @@ class Multiverse:
     facts: Mapping[str, Any]
 
     @property
-    def run(self) -> list[str]:
+    def scored(self) -> list[str]:
         """The names of the universes that have scores."""
         present = set(self.cells["universe"])
         return [universe.name for universe in self.universes if universe.name in present]

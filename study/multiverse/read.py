@@ -127,13 +127,17 @@ def _values(where: str, content: Any, choices: tuple[Choice, ...], complete: boo
         choices: all choices.
         complete: whether choices without an entry get their first value.
     """
-    given = _mapping(where, content)
+    given = {
+        # YAML has numbers and true, but the names of values are text.
+        name: value if isinstance(value, str) else shown(value)
+        for name, value in _mapping(where, content).items()
+    }
     by_name = {choice.name: choice for choice in choices}
     for name, value in given.items():
         if name not in by_name:
             raise BadInput(f"{where}: unknown choice {shown(name)}; {nearest(name, by_name)}")
         if value not in by_name[name].values:
-            names = nearest(str(value), by_name[name].values)
+            names = nearest(value, by_name[name].values)
             raise BadInput(f"{where}.{name}: got {shown(value)}; {names}")
     defaults = {name: choice.default for name, choice in by_name.items()} if complete else {}
     return {**defaults, **given}

@@ -8,8 +8,8 @@ import pandas as pd
 
 from study.claims.claim import OURS, Claim
 from study.claims.judge import CLAIMS
-from study.config.names import label, markdown
-from study.metrics.intervals import basis
+from study.config.names import ORACLE, label, markdown
+from study.metrics.intervals import basis, training_seeds
 from study.multiverse.design import Choice, Universe
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
@@ -74,16 +74,13 @@ def _summary(multiverse: Multiverse) -> str:
 def _counts(multiverse: Multiverse) -> str:
     kinds = Counter(universe.kind for universe in multiverse.universes)
     found = multiverse.effects[multiverse.effects["effect"].notna()]
-    seeds = sorted(set(found["seeds"])) or [0]
+    seeds = set(found["seeds"])
     text = (
-        f"{len(multiverse.run)} of {len(multiverse.universes)} universes have scores: the design "
-        f"has {kinds['base']} base readings, {kinds['one change']} with one change of a base "
-        f"reading, and {kinds['random']} with random values."
+        f"{len(multiverse.scored)} of {len(multiverse.universes)} universes have scores: the "
+        f"design has {kinds['base']} base readings, {kinds['one change']} with one change of a "
+        f"base reading, and {kinds['random']} with random values."
     )
-    if seeds == [0]:
-        return text
-    ends = " to ".join(map(str, dict.fromkeys([seeds[0], seeds[-1]])))
-    return f"{text} Training seeds: {ends}; {basis(seeds)}."
+    return f"{text} {training_seeds(seeds)}; {basis(seeds)}." if seeds else text
 
 
 def _verdict_tables(multiverse: Multiverse, claims: Sequence[Claim]) -> Iterator[str]:
@@ -160,7 +157,7 @@ def _exclusions(multiverse: Multiverse) -> Iterator[str]:
 def _universe_table(multiverse: Multiverse) -> Iterator[str]:
     """What a universe changes, how well its models forecast, and how many claims are reproduced."""
     cells = multiverse.cells
-    models = [name for name in dict.fromkeys(cells["model"]) if name != "oracle"]
+    models = [name for name in dict.fromkeys(cells["model"]) if name != ORACLE]
     yield f"| universe | {' | '.join(f'{label(m)}: MMD²' for m in models)} | reproduced | values |"
     yield f"|---|{'---:|' * (len(models) + 1)}---|"
     means = cells.groupby(["universe", "model"])["mmd2"].mean()

@@ -87,7 +87,7 @@ def order_of_universes(multiverse: Multiverse, claims: Sequence[str]) -> dict[st
         claims: ids of the claims with effects.
     """
     first = list(curve(multiverse.effects, claims[0])["universe"]) if claims else []
-    others = [name for name in multiverse.run if name not in set(first)]
+    others = [name for name in multiverse.scored if name not in set(first)]
     return {name: position for position, name in enumerate([*first, *others])}
 
 

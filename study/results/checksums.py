@@ -3,7 +3,7 @@
 A run writes this file last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from study.common.errors import StudyError
@@ -31,10 +31,24 @@ def write(out: Path) -> None:
     Raises:
         StudyError: a file cannot be read back.
     """
-    names = present(out)
+    seal(out, present(out))
+
+
+def seal(out: Path, names: Iterable[str]) -> None:
+    """Read files back, and write their checksums.
+
+    Args:
+        out: the folder.
+        names: of the files, relative to the folder.
+
+    Raises:
+        StudyError: a file cannot be read back.
+    """
+    checksums = {}
     for name in names:
         read_back(out / name)
-    write_checksums(out / NAME, {name: sha256(out / name) for name in names})
+        checksums[name] = sha256(out / name)
+    write_checksums(out / NAME, checksums)
 
 
 def renew(out: Path, names: Collection[str]) -> None:

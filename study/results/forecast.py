@@ -28,7 +28,7 @@ from study.models.forecasting import example_arrays
 from study.recording.examples import Example, build_example, position_variance
 from study.recording.forecast import record_forecast
 from study.recording.properties import table
-from study.results.folder import Results
+from study.results.folder import Results, settings_of
 from study.results.weights import load_forecaster
 from study.workflow.pipeline import Pipeline
 
@@ -101,7 +101,7 @@ def read_request(request: Request) -> Plan:
     Raises:
         BadInput: there is no such scenario, or the file cannot be used.
     """
-    if request.recorded is None:
+    if request.recorded is None or request.file is not None:
         _check_scenario(request.scenario, request.results.config.collect.scenarios)
     simulator, seed = request.real_system()
     if request.file is not None:
@@ -218,7 +218,7 @@ def record(path: Path, request: Request, simulator: Simulator, example: Example)
         "forecast": request.description,
         "samples": len(example.forecast),
         **made_with(),
-        "config": json.dumps(asdict(request.results.config), sort_keys=True),
+        "config": json.dumps(settings_of(request.results.config), sort_keys=True),
     }
     try:
         record_forecast(path, simulator, [example], properties, README, outcomes)

@@ -8,18 +8,19 @@ from typing import Any
 
 import pandas as pd
 
+from study.common.errors import StudyError
 from study.common.files import (
     digest,
     read_checksums,
     read_json,
     sha256,
-    write_checksums,
     write_json,
     write_text,
 )
 from study.common.provenance import versions
 from study.config.grid import Cell
 from study.config.settings import Config
+from study.metrics.tables.table import CELL
 from study.multiverse import folder, report
 from study.multiverse.design import Design, Universe
 from study.multiverse.effects import effects_of, join
@@ -36,7 +37,7 @@ METRICS = ("mmd2", "brier", "energy_score")
 """The mean scores of each cell in ``cells.parquet``."""
 DIAGNOSTICS = ("beta", "kl")
 """The numbers of each fit in ``cells.parquet``; NaN where a model has none."""
-COLUMNS = ("universe", "environment", "level", "model", "seed", *METRICS, *DIAGNOSTICS)
+COLUMNS = ("universe", *CELL, *METRICS, *DIAGNOSTICS)
 
 RECORDING = Path("recordings") / "multiverse.rrd"
 STATE = Path("work") / "published.json"
@@ -101,11 +102,15 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     for name, text in report.pages(multiverse).items():
         write_text(out / name, text)
     shutil.rmtree(out / "figures", ignore_errors=True)
-    run_each(lambda: _plot(multiverse, out), lambda: _record(multiverse, out))
+    problem = None
+    try:
+        run_each(lambda: _plot(multiverse, out), lambda: _record(multiverse, out))
+    except StudyError as error:
+        problem = error
     files = sorted(path for pattern in FILES for path in out.glob(pattern))
-    write_checksums(
-        out / checksums.NAME, {str(path.relative_to(out)): sha256(path) for path in files}
-    )
+    checksums.seal(out, [path.relative_to(out).as_posix() for path in files])
+    if problem is not None:
+        raise problem
     write_json(out / STATE, {"inputs": inputs})
     return True
 

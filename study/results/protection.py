@@ -13,6 +13,7 @@ from study.common.files import read_json
 from study.common.provenance import MANIFEST
 from study.config.convert import by_dotted_name
 from study.config.grid import Cell
+from study.config.names import ORACLE
 from study.config.settings import Config
 from study.config.tree import known_settings
 from study.results.folder import STUDY, settings_of
@@ -38,7 +39,7 @@ def why_refused(config: Config, computed: Collection[Cell], store: Store, out: P
         out: the results folder.
     """
     evaluated = _evaluated(store)
-    lost = {name for name in _published(out) if _label(name) not in evaluated}
+    lost = {name for name in _published(out) if evaluated.isdisjoint(_labels(name))}
     if not lost:
         return None
     differing = _different_settings(config, out)
@@ -72,10 +73,15 @@ def _evaluated(store: Store) -> set[str]:
     return labels
 
 
-def _label(name: str) -> str:
-    """The label of the task `evaluate` of a cell. All levels share that of the oracle."""
+def _labels(name: str) -> set[str]:
+    """The labels that the task `evaluate` of a cell may have.
+
+    All levels share the task of the oracle. In earlier versions its label was without the seed.
+    """
     parts = name.split("/")
-    return f"{parts[0]}/oracle/{parts[-1]}" if "oracle" in parts else name
+    if ORACLE not in parts:
+        return {name}
+    return {f"{parts[0]}/{ORACLE}/{parts[-1]}", f"{parts[0]}/{ORACLE}"}
 
 
 def _different_settings(config: Config, out: Path) -> list[str]:

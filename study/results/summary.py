@@ -26,6 +26,7 @@ from study.common.provenance import made_with
 from study.config.grid import Cell
 from study.config.names import ENVIRONMENTS
 from study.config.settings import Config
+from study.metrics.tables.table import CELL
 from study.results.folder import FORMAT, STUDY, STUDY_RECORDING, settings_of
 from study.results.origin import Origin, of_tasks, to_json
 from study.workflow.store import Store
@@ -85,8 +86,8 @@ def collect(
         for cell, task in complete.items()
     ]
     scores = pd.concat(tables, ignore_index=True)
-    columns = ["environment", "level", "model", "seed", "metric", "dimension", "step", "scenario"]
-    scores = single_precision(scores[[*columns, "value"]])
+    columns = [*CELL, "metric", "dimension", "step", "scenario", "value"]
+    scores = single_precision(scores[columns])
     origin = of_tasks(topological_order(complete.values()), store)
     trials, fits = _trials(complete, store), _fits(complete, store)
     return Summary(config, list(complete), failed, scores, trials, fits, origin)
@@ -185,8 +186,8 @@ def _trials(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
                 | {"value": trial["score"], "chosen": trial["beta"] == tuning["beta"]}
                 for trial in tuning["trials"]
             ]
-    columns = ["environment", "level", "model", "seed", "number", "state", "beta", "value"]
-    return pd.DataFrame(rows, columns=[*columns, "chosen"])
+    columns = [*CELL, "number", "state", "beta", "value", "chosen"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _fits(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
@@ -201,7 +202,7 @@ def _fits(complete: Mapping[Cell, Task], store: Store) -> pd.DataFrame:
 
 def fits_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """The table ``fits.parquet`` from its rows."""
-    table = pd.DataFrame(rows, columns=["environment", "level", "model", "seed", *DIAGNOSTICS])
+    table = pd.DataFrame(rows, columns=[*CELL, *DIAGNOSTICS])
     return table.astype(dict.fromkeys(DIAGNOSTICS, np.float64))
 
 

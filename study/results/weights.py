@@ -6,7 +6,7 @@ from pathlib import Path
 
 from study.common.errors import StudyError, nearest
 from study.config.grid import Cell
-from study.config.names import FROM_DATA
+from study.config.names import ENSEMBLE, FROM_DATA, ORACLE
 from study.envs import Simulator
 from study.models import Forecaster
 from study.models.checkpoints import fitted_ensemble, load_model, save_model
@@ -27,9 +27,9 @@ def load_forecaster(results: Results, cell: Cell, simulator: Simulator) -> Forec
     Raises:
         StudyError: the weights are not published, missing or damaged.
     """
-    if cell.model == "oracle":
+    if cell.model == ORACLE:
         return Oracle(simulator)
-    if cell.model == "ensemble":
+    if cell.model == ENSEMBLE:
         return _load_ensemble(results, cell)
     if cell.model in FROM_DATA:
         raise StudyError(
@@ -45,16 +45,16 @@ def write_checkpoint(results: Results, cell: Cell, folder: Path) -> None:
     Raises:
         StudyError: the weights are not published, missing or damaged.
     """
-    if cell.model == "ensemble":
-        save_model(_load_ensemble(results, cell), "ensemble", folder / "ensemble.safetensors")
-    elif cell.model not in ("oracle", *FROM_DATA):
+    if cell.model == ENSEMBLE:
+        save_model(_load_ensemble(results, cell), ENSEMBLE, folder / "ensemble.safetensors")
+    elif cell.model not in (ORACLE, *FROM_DATA):
         shutil.copyfile(_checked_path(results, cell), folder / "model.safetensors")
 
 
 def _load_ensemble(results: Results, cell: Cell) -> RnnEnsemble:
     """The ensemble alone, from the file of a model that was fitted to its residuals."""
     for fitted in results.complete:
-        if results.has_weights(fitted) and replace(fitted, model="ensemble") == cell:
+        if results.has_weights(fitted) and replace(fitted, model=ENSEMBLE) == cell:
             ensemble = fitted_ensemble(load_model(_checked_path(results, fitted)))
             if ensemble is not None:
                 return ensemble

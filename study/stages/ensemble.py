@@ -1,5 +1,7 @@
 """Stage ensemble: fit the M recurrent networks, and forecast the training trajectories with them.
 
+These are lines 1 and 5 of Algorithm 1: ŷ_m of every trajectory and member is computed once.
+
 Writes ``ensemble.safetensors`` (weights), ``members.safetensors`` (the members' forecasts of the
 training trajectories, [N, M, T, D], from which every cell's residuals are computed) and
 ``metrics.csv`` (training curves).

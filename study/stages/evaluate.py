@@ -62,6 +62,7 @@ def run(
     part = progress.part(0.01, 0.5)
     forecasts = forecast_in_parts(forecaster, test, evaluate.samples, seeds, part)
     goal = test.goal[:, None]
+    scoring = progress.part(0.5, 1.0)
     with scores_on(device):
         scores = score(
             forecasts,
@@ -77,7 +78,7 @@ def run(
             kernel.names,
             members_of_samples(forecaster, seeds, evaluate.samples),
             reference_shifts=isinstance(forecaster, Oracle),
-            progress=lambda share: progress.part(0.5, 1.0)(share, "scoring"),
+            progress=lambda share: scoring(share, "scoring"),
         )
     if settings.recorded is not None:
         log = log_scores(forecaster, test)

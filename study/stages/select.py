@@ -11,13 +11,7 @@ from study.common.files import read_json, write_json
 from study.common.progress import Progress
 from study.config.stage_settings import SelectSettings
 from study.training.search import result_to_json, trial_from_json
-from study.training.search_storage import (
-    complete_search,
-    explained,
-    journal,
-    open_search,
-    shared_search,
-)
+from study.training.search_storage import complete_search, explained, stored_search
 
 
 def run(
@@ -29,9 +23,6 @@ def run(
         key=lambda trial: int(trial["number"]),
     )
     with explained(settings.database):
-        if settings.database:
-            search = shared_search(settings.database)
-        else:
-            search = open_search(journal(out / "journal.log"), f"beta of {settings.model}")
+        search = stored_search(settings.database, out, settings.model)
         complete_search(search, [trial_from_json(trial, settings.tune) for trial in trials])
     write_json(out / "tuning.json", result_to_json(trials))

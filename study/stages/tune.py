@@ -28,9 +28,7 @@ from study.training.search import (
 from study.training.search_storage import (
     explained,
     fail_running,
-    journal,
-    open_search,
-    shared_search,
+    stored_search,
 )
 
 RESUMABLE = True
@@ -66,10 +64,7 @@ def _run_trials(
 
 def _open_search(settings: TuneSettings, out: Path) -> optuna.Study:
     """The search in `out` or in the database, new or resumed. An interrupted trial has failed."""
-    if settings.database:
-        search = shared_search(settings.database)
-    else:
-        search = open_search(journal(out / "journal.log"), f"beta of {settings.fit.model}")
+    search = stored_search(settings.database, out, settings.fit.model)
     search.pruner = pruner(settings.tune)
     fail_running(search)
     return search

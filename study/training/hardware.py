@@ -67,6 +67,9 @@ def fit_device(
         model: a new model, which stays as it is.
         data: its batches.
         steps: number of optimiser steps.
+
+    Raises:
+        StudyError: the accelerator is `gpu`, and there is none.
     """
     has_losses = type(model).losses is not Model.losses
 
@@ -94,6 +97,9 @@ def forecast_on_faster_device(
 
     Returns:
         the device for `study.metrics.device.scores_on`: a GPU that has float64; None without.
+
+    Raises:
+        StudyError: the accelerator is `gpu`, and there is none.
     """
     if not isinstance(forecaster, Model):
         return None
@@ -116,6 +122,9 @@ def faster_device(accelerator: str, model: Model, run: Run) -> torch.device:
         accelerator: see `Train`.
         model: stays as it is; copies of it run. The random numbers that follow stay the same.
         run: the work that is measured, with a model that is on the device.
+
+    Raises:
+        StudyError: the accelerator is `gpu`, and there is none.
     """
     device = gpu(accelerator)
     if device is None or accelerator == "gpu":

@@ -112,12 +112,13 @@ def validation_trajectories(model: Model, data: TrajectoryDataModule) -> dict[st
     """Observed trajectories of the validation scenarios, as a training batch of `model`.
 
     Args:
-        model: a fitted model.
+        model: has the units and, if it needs one, the fitted ensemble.
         data: its batches.
 
     Returns:
-        The entries of a training batch, see `TrajectoryDataModule`. Each scenario has at most
-        `VALIDATION_ROLLOUTS` trajectories.
+        The entries of a training batch, normalized: ``states`` [B, T+1, D], ``actions`` [B, T, A]
+        and with an ensemble ``members`` [B, M, T, D]. Each scenario has at most
+        `VALIDATION_ROLLOUTS` of the B trajectories.
     """
     scenarios = data.validation.tensors
     s0, actions = model.normalize(scenarios["s0"], scenarios["actions"])

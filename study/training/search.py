@@ -208,7 +208,10 @@ def _score(start: FitInputs, tune: Tune) -> Callback:
 
 
 def _settled_accelerator(search: optuna.Study, start: FitInputs, steps: int) -> str:
-    """The accelerator of all trials. `auto` is measured once; a resumed search keeps the choice.
+    """The accelerator of a trial.
+
+    For the trials of one search, `auto` is measured once; a resumed search keeps the choice. A
+    trial of a batch has a search in memory, so it measures for itself.
 
     Args:
         search: stores the choice, if there is one.

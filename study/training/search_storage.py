@@ -72,6 +72,22 @@ def shared_search(shared: Database) -> optuna.Study:
     return open_search(database(shared.url), shared.search)
 
 
+def stored_search(shared: Database | None, out: Path, model: str) -> optuna.Study:
+    """The search in the database of the study, or without one in ``journal.log``; new or resumed.
+
+    Args:
+        shared: the database.
+        out: the folder of ``journal.log``.
+        model: whose β is searched.
+
+    Raises:
+        BadInput: the database cannot be used.
+    """
+    if shared is not None:
+        return shared_search(shared)
+    return open_search(journal(out / "journal.log"), f"beta of {model}")
+
+
 def fail_running(search: optuna.Study, number: int | None = None) -> None:
     """End the trials whose processes were killed.
 

@@ -20,6 +20,6 @@ def failed_stage(
         if store.reason_to_run(task) is not None:
             causes = (failed_stage(source, store, known) for source in task.inputs.values())
             first = next((cause for cause in causes if cause is not None), None)
-            # The file of a task that was not run says so; the file of its input has the error.
+            # The cause is the first failed input, even if the task failed itself in an earlier run.
             known[task] = first or (task if store.failure(task).exists() else None)
     return known[task]

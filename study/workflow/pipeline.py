@@ -17,7 +17,7 @@ from typing import Any
 from study.common.seeds import derive
 from study.config.convert import to_json
 from study.config.grid import Cell
-from study.config.names import FROM_DATA
+from study.config.names import ENSEMBLE, FROM_DATA, ORACLE
 from study.config.recorded import Recorded, recorded_of
 from study.config.settings import Config
 from study.config.stage_settings import (
@@ -112,20 +112,17 @@ class Pipeline:
         The label and the seed of the oracle do not contain the level, so all levels share one task.
         """
         settings = self.evaluate_settings(cell)
-        inputs = {"data": self.collect(cell.environment)}
+        inputs = {"data": self.collect(cell.environment), **self._fitted(cell)}
         classes: list[type] = [self._system(cell.environment)]
-        if cell.model == "ensemble":
-            inputs["ensemble"] = self.ensemble(cell)
-        elif not cell.is_reference:
-            inputs["trained"] = self.train(cell)
+        if "trained" in inputs:
             classes.append(models[cell.model])
-        is_oracle = cell.model == "oracle"
-        label = f"{cell.environment}/oracle/seed-{cell.seed}" if is_oracle else cell.name
+        is_oracle = cell.model == ORACLE
+        label = f"{cell.environment}/{ORACLE}/seed-{cell.seed}" if is_oracle else cell.name
         return self._task("evaluate", label, settings, classes, **inputs)
 
     def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
         """The settings of `evaluate`, which need no log of a recorded system."""
-        has_network = cell.model == "ensemble" or not cell.is_reference
+        has_network = cell.model == ENSEMBLE or not cell.is_reference
         return EvaluateSettings(
             cell.environment,
             cell.model,
@@ -148,17 +145,20 @@ class Pipeline:
             "data": self.collect(cell.environment),
             "data_recording": self.record_data(cell.environment),
             "evaluation": self.evaluate(cell),
+            **self._fitted(cell),
         }
-        if cell.model == "ensemble":
-            inputs["ensemble"] = self.ensemble(cell)
-        elif not cell.is_reference:
-            inputs["trained"] = self.train(cell)
-            if models[cell.model].tunes_beta:
-                inputs["tuning"] = self.tune(cell)
+        if "trained" in inputs and models[cell.model].tunes_beta:
+            inputs["tuning"] = self.tune(cell)
         recorded = self._recorded(cell.environment)
         settings = RecordSettings(cell.environment, cell.level, cell.model, cell.seed, recorded)
         classes = [self._system(cell.environment)]
         return self._task("record", cell.name, settings, classes, **inputs)
+
+    def _fitted(self, cell: Cell) -> dict[str, Task]:
+        """The task whose weights make the cell's forecasts, by the name of the input."""
+        if cell.model == ENSEMBLE:
+            return {"ensemble": self.ensemble(cell)}
+        return {} if cell.is_reference else {"trained": self.train(cell)}
 
     def _recorded(self, environment: str) -> Recorded | None:
         return recorded_of(self.config, environment)

@@ -4,6 +4,7 @@ A task whose worker was lost is tried again, `engine.retries` times. A task that
 of its own is not, since it would fail again.
 """
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -70,6 +71,9 @@ def run_tasks(
         for task in queue.pop(workers.capacity(), running.values()):
             started(task)
             running[workers.submit(execute, task, store.root, threads, terms)] = task
+        if not running:  # no worker has what the tasks need, and `wait` of nothing does not wait
+            time.sleep(POLL)
+            continue
         completed, _ = wait(running, timeout=POLL, return_when=FIRST_COMPLETED)
         for future in completed:
             task = running.pop(future)

@@ -160,9 +160,9 @@ def test_brier_scores_that_fall_on_the_uav() -> None:
 def test_one_seed() -> None:
     found = judge(scores(seeds=1))
     assert {finding.seeds for verdict in found for finding in verdict.findings} == {1}
-    assert "Training seeds: 1; 95 % t intervals over scenarios only" in to_markdown(found)
+    assert "1 training seed; 95 % t intervals over scenarios only" in to_markdown(found)
     two = verdicts(scores(seeds=2), "mmd-full-rises-uav")
-    assert "Training seeds: 2; 95 % t intervals over training seeds and" in to_markdown(two)
+    assert "2 training seeds; 95 % t intervals over training seeds and" in to_markdown(two)
 
 
 def test_missing_cells_are_not_run() -> None:

@@ -10,9 +10,11 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from paper_figs import specification_curve
 from study.commands.parser import parse
 from study.commands.settings import CONFIGS
 from study.commands.view import find_recording
+from study.common.errors import StudyError
 from study.common.files import read_checksums, read_json, sha256
 from study.multiverse.effects import effects_of
 from study.multiverse.folder import read
@@ -99,7 +101,7 @@ def copied(ran: tuple[Path, Done], tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_universes_share_stages(ran: tuple[Path, Done]) -> None:
     out, _ = ran
-    assert read(out).run == ["study", "as_written", "study/loss=plain", "as_written/loss=plain"]
+    assert read(out).scored == ["study", "as_written", "study/loss=plain", "as_written/loss=plain"]
     # Two readings of the two VAEs, two of the MLP, and the oracle and the ensemble alone.
     assert new_stages(set(), out) == {
         "collect": 1,
@@ -165,6 +167,26 @@ def test_a_second_run_runs_and_writes_nothing(copied: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_a_figure_that_fails_costs_no_other_file(
+    copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: Path) -> None:
+        raise StudyError("a figure could not be drawn")
+
+    (copied / "README.md").write_text("nothing")
+    monkeypatch.setattr(specification_curve, "plot", fail)
+    done = again(copied, tmp_path)
+    assert done.code == 1
+    assert "a figure could not be drawn" in done.err
+    checksums = read_checksums(copied / "SHA256SUMS")
+    assert "recordings/multiverse.rrd" in checksums
+    assert all(sha256(copied / name) == value for name, value in checksums.items())
+    monkeypatch.undo()
+    assert again(copied, tmp_path).code == 0
+    assert any(name.startswith("figures/") for name in read_checksums(copied / "SHA256SUMS"))
+
+
+@pytest.mark.slow
 def test_a_damaged_page_is_written_again(copied: Path, tmp_path: Path) -> None:
     before = (copied / "README.md").read_bytes()
     (copied / "README.md").write_text("nothing")
@@ -187,7 +209,7 @@ def test_a_changed_value_runs_its_universes_alone(copied: Path, tmp_path: Path) 
     assert lines[4].split()[:3] == ["study/loss=plain", "2", "of"]
     assert lines[-1].startswith("2 of 20 stages to run (1 train, 1 evaluate): about ")
     new = read(copied)
-    for name in old.run:
+    for name in old.scored:
         same = [table.effects[table.effects["universe"] == name] for table in (old, new)]
         assert same[0].reset_index(drop=True).equals(same[1].reset_index(drop=True)) is not (
             name.endswith("plain")
@@ -200,7 +222,7 @@ def test_a_further_value_runs_what_is_new_alone(copied: Path, tmp_path: Path) ->
     assert again(copied, tmp_path, **loss(wide={"mlp.hidden_size": 6})).code == 0
     assert new_stages(before, copied) == {"train": 1, "evaluate": 1}
     new = ["study/loss=wide", "as_written/loss=wide"]
-    assert [name for name in read(copied).run if "wide" in name] == new
+    assert [name for name in read(copied).scored if "wide" in name] == new
 
 
 @pytest.mark.slow
@@ -247,7 +269,7 @@ def test_a_part_of_the_universes(tmp_path: Path) -> None:
     given = ("multiverse", "--config", written_design(tmp_path), "--out", tmp_path / "out")
     assert study(*given, "--universes", "study*").code == 0
     results = read(tmp_path / "out")
-    assert results.run == ["study", "study/loss=plain"]
+    assert results.scored == ["study", "study/loss=plain"]
     assert len(results.universes) == 4
     assert results.failures == []
     page = (tmp_path / "out" / "README.md").read_text()

@@ -139,6 +139,9 @@ def test_a_forecast_of_a_window_and_of_a_plan(inside: Path) -> None:
         done = study("forecast", *cell, "--file=plan.csv", "--save=plan.rrd")
         assert done.code == 0, done
         assert "never observed" in done.out
+        done = study("forecast", *cell, "--file=plan.csv", "--scenario=-1", "--save=plan.rrd")
+        assert (done.code, done.err.count("\n")) == (2, 1)
+        assert "--scenario: got -1" in done.err
         done = study("forecast", *cell, "--scenario=1", "--save=window.rrd")
         assert done.code == 2
         assert "no file matches" in done.err

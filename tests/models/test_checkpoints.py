@@ -67,3 +67,19 @@ def test_weights_of_another_version_are_an_error(
     with pytest.raises(StudyError, match="another version of the study wrote these weights") as e:
         load_model(path)
     assert "\n" not in str(e.value)
+
+
+def test_a_missing_or_damaged_file_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "model.safetensors"
+    with pytest.raises(StudyError, match="is missing or damaged"):
+        load_model(path)
+    save_model(model("full_vae"), "full_vae", path, beta=0.1)
+    whole = path.read_bytes()
+    for content in (b"", b"nothing", whole[:100], whole[:-100]):
+        path.write_bytes(content)
+        with pytest.raises(StudyError, match="is missing or damaged") as error:
+            load_model(path)
+        assert "\n" not in str(error.value)
+    save_file({}, path)  # a file of another program, without facts
+    with pytest.raises(StudyError, match="is missing or damaged"):
+        load_model(path)

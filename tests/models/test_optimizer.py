@@ -32,6 +32,16 @@ def test_one_cycle_rises_for_a_tenth_of_the_steps_and_falls_to_zero() -> None:
     assert (np.diff(rates[12:]) < 0).all()
 
 
+@pytest.mark.parametrize("steps", range(1, 13))
+def test_one_cycle_has_a_rate_for_each_of_a_few_steps(steps: int) -> None:
+    optimizer = torch.optim.SGD([nn.Parameter(torch.zeros(1))], 1.0)
+    schedule = one_cycle(optimizer, 0.3, steps)
+    for _ in range(steps):
+        assert 0 < optimizer.param_groups[0]["lr"] <= 0.3
+        optimizer.step()
+        schedule.step()
+
+
 @pytest.mark.parametrize("name", ["ensemble", "full_vae", "full_crps", "probabilistic_mlp"])
 def test_no_bias_of_a_model_decays(name: str) -> None:
     network = model(name)

@@ -48,7 +48,7 @@ def test_the_curve_ascends_and_has_every_universe_once() -> None:
     results = multiverse()
     rows = curve(results.effects, FIRST)
     assert rows["effect"].is_monotonic_increasing
-    assert sorted(rows["universe"]) == sorted(results.run)
+    assert sorted(rows["universe"]) == sorted(results.scored)
     assert rows["effect"].max() < 0.5  # the other contrast has effects above
 
 
@@ -61,12 +61,12 @@ def test_the_curve_of_one_contrast() -> None:
 
 def test_shares_are_of_the_universes_with_scores() -> None:
     results = multiverse()
-    missing = results.effects["universe"].isin(results.run[:2])
+    missing = results.effects["universe"].isin(results.scored[:2])
     effects = results.effects.assign(effect=results.effects["effect"].mask(missing))
     found = shares(effects, FIRST)
     assert sum(found.values()) == pytest.approx(1.0)
     verdicts = curve(effects, FIRST)["verdict"]
-    assert len(verdicts) == len(results.run) - 2
+    assert len(verdicts) == len(results.scored) - 2
     for verdict, share in found.items():
         assert share == pytest.approx(np.mean([v == verdict.value for v in verdicts]))
 

@@ -26,7 +26,7 @@ def test_what_was_written_is_read(written: Path) -> None:
     assert list(found.universes) == list(expected.universes)
     assert list(found.failures) == list(expected.failures)
     assert found.facts == expected.facts
-    assert found.run == expected.run
+    assert found.scored == expected.scored
     pd.testing.assert_frame_equal(found.effects, expected.effects)
     pd.testing.assert_frame_equal(found.cells, expected.cells)
 

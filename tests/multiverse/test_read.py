@@ -58,6 +58,8 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("random", 2.5, "multiverse.random: got 2.5; it must be a whole number"),
         ("random", -1, "multiverse.random: got -1"),
         ("bases/as_written/target", "stat", "got 'stat'; did you mean 'state'?"),
+        ("bases/as_written/target", ["state"], "as_written.target: got "),
+        ("bases/as_written/target", {"a": 1}, "as_written.target: got "),
         ("bases/as_written/tarket", "state", "unknown choice 'tarket'; did you mean 'target'?"),
         ("bases/As written", {}, "got the name 'As written'; use lower-case letters"),
         (
@@ -80,6 +82,17 @@ def test_what_a_design_may_not_hold(path: str, value: Any, expected: str) -> Non
     with pytest.raises(BadInput) as error:
         design_from(changed(path, value))
     assert expected in str(error.value)
+
+
+def test_names_of_values_may_look_like_numbers() -> None:
+    text = """
+    bases: {study: {}, wide: {size: 8, gate: true}}
+    choices:
+      size: {question: width, values: {4: {}, 8: {vae.hidden_size: 8}}}
+      gate: {question: target, values: {false: {}, true: {vae.target: state}}}
+    """
+    planned = design_from(strict_yaml.parse(text))
+    assert planned.bases["wide"] == {"size": "8", "gate": "true"}
 
 
 def test_a_file_without_a_design() -> None:

@@ -75,6 +75,6 @@ def test_without_scores_the_pages_say_so() -> None:
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_universes_for_a_regression(count: int) -> None:
     results = multiverse(random=0)
-    names = results.run[: count + 1]
+    names = results.scored[: count + 1]
     few = replace(results, effects=results.effects[results.effects["universe"].isin(names)])
     assert "Too few universes" in pages(few)["choices.md"]

@@ -22,7 +22,7 @@ FINDING = {
 def claim(**changes: Any) -> dict[str, Any]:
     base = {
         "id": "c",
-        "section": "V-A",
+        "section": "IV-A",
         "text": "a claim",
         "rule": "above zero",
         "verdict": "reproduced",

@@ -129,11 +129,11 @@ def test_the_best_of_the_papers_models_is_bold() -> None:
 
 def test_verdicts_are_counted(tmp_path: Path) -> None:
     (tmp_path / "paper").mkdir()
-    verdicts = [("V-A", "partly"), ("V-A", "reproduced"), ("V-B", "partly"), ("ours", "partly")]
+    verdicts = [("IV-A", "partly"), ("IV-A", "reproduced"), ("IV-B", "partly"), ("ours", "partly")]
     claims = [{"section": section, "verdict": verdict} for section, verdict in verdicts]
     (tmp_path / "paper" / "claims.json").write_text(json.dumps(claims))
     counts = _cells(claim_tables.tables(tmp_path)["verdicts"]())
-    rows = ["**the paper's claims**", "Pusher (section V-A)", "UAV (section V-B)"]
+    rows = ["**the paper's claims**", "Pusher (section IV-A)", "UAV (section IV-B)"]
     assert [counts[row, "partly"] for row in rows] == ["2", "1", "1"]
     assert [counts[row, "reproduced"] for row in rows] == ["1", "1", "0"]
 

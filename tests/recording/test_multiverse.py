@@ -30,7 +30,7 @@ def test_it_is_complete(path: Path) -> None:
 
 def test_universes_are_in_the_order_of_the_first_claim() -> None:
     assert list(ORDER) == list(curve(RESULTS.effects, CLAIMS[0].id)["universe"])
-    assert list(ORDER.values()) == list(range(len(RESULTS.run)))
+    assert list(ORDER.values()) == list(range(len(RESULTS.scored)))
 
 
 def test_effects_and_intervals_are_those_of_the_table(path: Path) -> None:

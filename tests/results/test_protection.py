@@ -95,6 +95,12 @@ def test_what_work_has_can_be_made_again(out: Path) -> None:
     assert refused(out, change(CONFIG, ["--train.steps=7"]), [ONE]) is None
 
 
+def test_the_oracle_of_earlier_versions_had_one_label(out: Path) -> None:
+    for cell in EVERY:
+        evaluated(out, f"{cell.environment}/oracle" if cell.model == "oracle" else cell.name)
+    assert refused(out, change(CONFIG, ["--train.steps=7"]), [ONE]) is None
+
+
 def test_files_of_a_study_whose_settings_are_lost(out: Path) -> None:
     (out / "study.json").write_text("{")
     text = refused(out)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from study.workflow.scheduler import run_tasks
+from study.workflow.scheduler import POLL, run_tasks
 from study.workflow.store import Store
 from study.workflow.task import Task
 from study.workflow.task_queue import longest_first
@@ -181,3 +181,28 @@ def test_tasks_for_a_gpu_wait_for_one_and_others_do_not(
     assert not run_tasks(diamond(), Store(tmp_path), pretend, 1, lambda _: None, lambda _: None)
     assert max(stages.count("train") for stages in together) == 1
     assert together[0] == ["collect", "collect"]
+
+
+def test_without_a_worker_for_what_is_left_it_waits_and_asks_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The only worker with a GPU is away when the tasks train are left, and comes back."""
+    slept = list[float]()
+
+    class Away(Pretend):
+        def capacity(self) -> Mapping[str, int]:
+            return {"": 1, "GPU": 1} if len(slept) > 2 else {"": 1}
+
+        def resource(self, task: Task) -> str:
+            return "GPU" if task.stage == "train" else ""
+
+    pretend = Away(lambda task: Outcome(task, 1.0), 1)
+
+    def wait(futures: Any, **_: Any) -> tuple[set[Any], set[Any]]:
+        pretend.end_one()
+        return {future for future in futures if future.done()}, set()
+
+    monkeypatch.setattr("study.workflow.scheduler.wait", wait)
+    monkeypatch.setattr("study.workflow.scheduler.time.sleep", slept.append)
+    assert not run_tasks(diamond(), Store(tmp_path), pretend, 1, lambda _: None, lambda _: None)
+    assert slept == [POLL] * 3

@@ -197,7 +197,10 @@ class DynamicsNetwork(nn.Module):
     def mean(
         self, state: Tensor, inputs: Tensor, offset: Tensor, hidden: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """ŝ_{t+1} of given states from s_0 on, and y: see `step`; offset [M, B, T, D]."""
+        """ŝ_{t+1} [M, B, T, D] of given states from s_0 on, and y [M, B, T, W].
+
+        The arguments are those of `step`, with offset [M, B, T, D].
+        """
         output, top = self.step(state, inputs, hidden)
         previous = state if self.architecture.delta else 0.0
         offset = self._add_start(offset, state[:, :, 0])

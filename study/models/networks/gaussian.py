@@ -44,14 +44,20 @@ class GaussianDynamics(DynamicsNetwork):
     def predict(
         self, state: Tensor, inputs: Tensor, offset: Tensor, hidden: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """The means ŝ_{1:T} and w_{1:T} of given states: see `DynamicsNetwork.mean`."""
+        """The means ŝ_{1:T} and w_{1:T} of given states, [M, B, T, D] each.
+
+        The arguments are those of `DynamicsNetwork.mean`.
+        """
         mean, top = self.mean(state, inputs, offset, hidden)
         return mean, self.log_std_of(top)
 
     def predict_rollout(
         self, s0: Tensor, inputs: Tensor, offset: Tensor, hidden: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """The means ŝ_{1:T} and w_{1:T}, where each mean is fed back: see `rollout`."""
+        """The means ŝ_{1:T} and w_{1:T}, where each mean is fed back, [M, B, T, D] each.
+
+        The arguments are those of `rollout`.
+        """
         mean, top = self.rollout(s0, inputs, offset, hidden, return_tops=True)
         return mean, self.log_std_of(top)
 

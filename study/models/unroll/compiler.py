@@ -1,5 +1,6 @@
 """Compile a C source to a shared library for this processor, and cache the library."""
 
+import atexit
 import hashlib
 import os
 import platform
@@ -57,6 +58,7 @@ def build(source: Path, *headers: Path, compiler: str) -> Path:
         scratch = Path(tempfile.mkdtemp(dir=folder))
     except OSError:
         folder = scratch = Path(tempfile.mkdtemp(prefix="study-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     path = folder / f"{source.stem}-{key}.so"
     try:
         if not _is_intact(path):
