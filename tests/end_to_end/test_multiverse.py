@@ -177,7 +177,7 @@ def test_a_figure_that_fails_costs_no_other_file(
     monkeypatch.setattr(specification_curve, "plot", fail)
     done = again(copied, tmp_path)
     assert done.code == 1
-    assert "a figure could not be drawn" in done.err
+    assert "FAILED a figure could not be drawn" in done.out
     checksums = read_checksums(copied / "SHA256SUMS")
     assert "recordings/multiverse.rrd" in checksums
     assert all(sha256(copied / name) == value for name, value in checksums.items())
