@@ -98,7 +98,8 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     inputs = digest([tables, source])
     if _is_current(inputs, out):
         return False
-    (out / checksums.NAME).unlink(missing_ok=True)
+    for path in (out / STATE, out / checksums.NAME):
+        path.unlink(missing_ok=True)
     for name, text in report.pages(multiverse).items():
         write_text(out / name, text)
     shutil.rmtree(out / "figures", ignore_errors=True)
