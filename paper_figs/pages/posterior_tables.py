@@ -4,11 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from paper_figs import posteriors
 from paper_figs.formatting import NOTHING, number, title
 from paper_figs.pages.marks import pipe_table
 from study.common.files import read_json
-from study.config.names import FULL, MLP
+from study.config.names import FULL, MLP, label
 
 NO_FITS = "`results/paper` was made before the study had these statistics, so it has no such table."
 
@@ -26,12 +28,28 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
 
 
 def fits(study: Path) -> str:
-    """Every fit of a VAE in the results folder of a study."""
+    """The VAEs in the results folder of a study: the range of each number over the seeds."""
     found = posteriors.read_fits(study)
     if found.empty:
         return NO_FITS
-    rows = posteriors.table(found, posteriors.latent_size(study))
-    return pipe_table(list(posteriors.HEADS), rows)
+    heads = ["", "β", "KL (nats a step)", "active units", "share of variance from z", "collapsed"]
+    rows = []
+    for names, group in found.groupby(["environment", "level", "model"], sort=False):
+        collapsed = sum(posteriors.posterior(kl) == "collapsed" for kl in group["kl"])
+        texts = [
+            _ends(group["beta"], posteriors.beta),
+            _ends(group["kl"], number),
+            _ends(group["active_units"], lambda count: f"{count:g}"),
+            _ends(group["latent_share"], lambda share: number(share, 2)),
+            f"{collapsed} of {len(group)}",
+        ]
+        rows.append([title(", ".join(label(str(name)) for name in names)), *texts])
+    return pipe_table(heads, rows)
+
+
+def _ends(values: "pd.Series[float]", text: Callable[[float], str]) -> str:
+    """The smallest and the largest value, or one text if both have the same."""
+    return " to ".join(dict.fromkeys((text(values.min()), text(values.max()))))
 
 
 def fork(record: dict[str, Any]) -> str:
