@@ -12,11 +12,14 @@ from matplotlib.artist import Artist
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from study.plotting import lines
+from study.plotting import lines, png
 from study.plotting.palette import Colour, model_colours
 
 COLUMN_WIDTH = 3.5
 """Width of one column of a two-column paper, in inches."""
+
+DPI = 300
+"""Pixels of a PNG for each inch."""
 
 LONGEST_LABEL = 18
 """Most characters of a label with which a legend has three columns."""
@@ -40,7 +43,6 @@ SETTINGS = {
     "grid.linewidth": 0.5,
     "lines.linewidth": 1.3,
     "legend.frameon": False,
-    "savefig.dpi": 300,
     # Text stays text in the PDF, so that a reader can search and edit it.
     "pdf.fonttype": 42,
 }
@@ -109,13 +111,12 @@ def written_by(writer: "Writer") -> Iterator[None]:
 
 def write_png_and_pdf(drawing: Figure, stem: Path) -> list[Path]:
     """Write `stem`.png and `stem`.pdf; the same figure gives the same bytes."""
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    png, pdf = stem.with_suffix(".png"), stem.with_suffix(".pdf")
-    drawing.savefig(png, metadata={"Software": None})
+    picture, pdf = stem.with_suffix(".png"), stem.with_suffix(".pdf")
+    png.save(drawing, picture, DPI, shaded=True)
     # The PDF has the layout of the PNG. To compute it twice would take half of the time.
     drawing.set_layout_engine("none")
     drawing.savefig(pdf, metadata={"CreationDate": None, "Creator": None, "Producer": None})
-    return [png, pdf]
+    return [picture, pdf]
 
 
 Writer = Callable[[Figure, Path], list[Path]]

@@ -68,11 +68,13 @@ def test_results_without_fits_have_no_table_and_the_script_says_so(
         posteriors.plot(tmp_path / "elsewhere")
 
 
-def test_the_page_shows_the_fits_of_a_study_or_says_that_it_has_none(tmp_path: Path) -> None:
+def test_the_page_shows_the_range_over_seeds_or_says_that_there_are_no_fits(tmp_path: Path) -> None:
     assert posterior_tables.fits(tmp_path) == posterior_tables.NO_FITS
-    write(tmp_path, FIT | {"kl": 2.0, "active_units": 1.0, "latent_share": 0.25})
-    numbers = ["0", "0.5", "2.000", "1 of 8", "0.25", "used"]
-    assert row(posterior_tables.fits(tmp_path), "| UAV | high epistemic | Full VAE")[3:] == numbers
+    used = FIT | {"kl": 2.0, "active_units": 1.0, "latent_share": 0.25}
+    collapsed = FIT | {"seed": 1, "beta": 80.0, "kl": 0.01, "active_units": 0.0}
+    write(tmp_path, used, collapsed | {"latent_share": 0.25})
+    numbers = ["0.5 to 80", "0.010 to 2.000", "0 to 1", "0.25", "1 of 2"]
+    assert row(posterior_tables.fits(tmp_path), "| UAV, high epistemic, full VAE")[1:] == numbers
 
 
 def test_the_page_compares_the_ranges_of_beta_on_the_fork() -> None:
