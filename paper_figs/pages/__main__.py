@@ -9,7 +9,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from paper_figs.pages import benchmark_tables, claim_tables, posterior_tables, study_tables
+from paper_figs.pages import (
+    benchmark_tables,
+    claim_tables,
+    multiverse_tables,
+    posterior_tables,
+    study_tables,
+)
 from paper_figs.pages.marks import pages, rewritten
 from study.common.errors import StudyError
 
@@ -26,6 +32,7 @@ def outdated(root: Path = ROOT) -> dict[Path, str]:
     tables = (
         study_tables.tables(results)
         | claim_tables.tables(results)
+        | multiverse_tables.tables(results)
         | posterior_tables.tables(results)
         | benchmark_tables.tables(root)
     )

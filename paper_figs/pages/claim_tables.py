@@ -1,4 +1,4 @@
-"""The tables of the verdicts: at the paper's size, and in every reading of the paper."""
+"""The tables of the verdicts at the paper's size."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -9,11 +9,7 @@ from paper_figs.formatting import NOTHING, signed
 from paper_figs.pages.marks import pipe_table
 from study.claims.claim import OURS
 from study.common.files import read_json
-from study.config.names import label
-from study.multiverse import folder
-from study.multiverse.effects import VERDICTS, curve, judged, shares
-from study.multiverse.folder import Multiverse
-from study.multiverse.report import influence_on
+from study.multiverse.effects import VERDICTS
 
 SECTIONS = {
     "Pusher (section IV-A)": "IV-A",
@@ -39,7 +35,6 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     return {
         "verdicts": lambda: verdicts(claims_of_the_study()),
         "claims": lambda: claims(claims_of_the_study()),
-        "readings": lambda: readings(claims_of_the_study(), results / "multiverse"),
     }
 
 
@@ -68,43 +63,6 @@ def claims(claims: Claims) -> str:
         )
         rows.append([claim["text"], claim["verdict"], effect])
     return pipe_table(["claim", "verdict", "effect [95 % interval]"], rows, align="---")
-
-
-def readings(claims: Claims, path: Path) -> str:
-    """Every claim of the paper in the universes of the multiverse.
-
-    The columns: the share of universes with each verdict, the verdict in each base reading, and the
-    choice that moves the effect most. The claim links to its specification curve.
-
-    Args:
-        claims: of the study.
-        path: the results folder of the multiverse. Without one, the table is a sentence.
-    """
-    if not (path / folder.FACTS).is_file():
-        return "The multiverse has not been run: `python -m study.run multiverse`."
-    results = folder.read(path)
-    bases = list(results.design.bases)
-    heads = ["claim", *(v.value for v in VERDICTS), *map(label, bases), "strongest choice"]
-    names = judged(results.effects)
-    rows = [
-        _reading(results, claim, bases) for claim in of_the_paper(claims) if claim["id"] in names
-    ]
-    return pipe_table(heads, rows, align="---")
-
-
-def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:
-    verdict = curve(results.effects, claim["id"]).set_index("universe")["verdict"]
-    regression = influence_on(results, claim["id"])
-    strongest = regression.strongest if regression else None
-    decides = NOTHING
-    if regression and strongest:
-        decides = f"{label(strongest)} ({regression.shares[strongest]:.0%})"
-    return [
-        f"[{claim['text']}](../multiverse/figures/specification_{claim['id']}.png)",
-        *(f"{share:.0%}" for share in shares(results.effects, claim["id"]).values()),
-        *(str(verdict.get(base, NOTHING)) for base in bases),
-        decides,
-    ]
 
 
 def of_the_paper(claims: Claims) -> Claims:

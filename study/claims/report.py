@@ -40,7 +40,7 @@ OUTCOMES = {
 
 TITLE = "# Verdicts on the claims of the paper"
 TERMS = {
-    "claim": "a statement of the results section of the paper (V) that scores can decide",
+    "claim": "a statement of the results section of the paper (IV) that scores can decide",
     "check": "a statement of this study that is judged like a claim",
     "contrast": "a difference of mean scores, or another weighted sum of them; a claim has one or "
     "more",

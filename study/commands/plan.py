@@ -80,8 +80,8 @@ def run(options: Options) -> int:
         published = {} if store.root.is_dir() else timings.read(out)
         ended = [task for task, why in states.items() if why is None]
         measured = {
-            task: (store.timing(task) or published.get(task.name, {})).get("seconds")
-            for task in [*ended, *(task for task in due if task.name in published)]
+            task: (store.timing(task) or timings.of(task, published)).get("seconds")
+            for task in [*ended, *(task for task in due if timings.of(task, published))]
         }
         _print_estimate(terminal, due, measured, options.workers, config.engine.threads)
     return 0

@@ -76,7 +76,7 @@ def run(options: Options) -> int:
     published = {} if store.root.is_dir() else timings.read(out)
 
     def measured() -> dict[Task, Timing]:
-        return {task: store.timing(task) or published.get(task.name, {}) for task in tasks}
+        return {task: store.timing(task) or timings.of(task, published) for task in tasks}
 
     if options.follow:
         _follow(lambda: follow_table(measured(), store, out), out, terminal)

@@ -17,8 +17,6 @@ from study.models import Model, models
 from study.models.rnn_ensemble import RnnEnsemble
 from study.models.runtime import runtime
 
-"""The name of the `RnnEnsemble`, which is not among the registered models."""
-
 
 def class_of(name: str) -> type[Model[Any]]:
     """The registered class `name`, or `RnnEnsemble`.

@@ -27,6 +27,9 @@ def adamw(parameters: Iterable[Parameter], learning_rate: float, weight_decay: f
 
 
 def one_cycle(optimizer: Optimizer, learning_rate: float, steps: int) -> LRScheduler:
-    """The learning rate rises over the first tenth of the steps, then falls to nearly 0."""
+    """The learning rate rises over the first tenth of the steps, then falls to nearly 0.
+
+    With fewer than ten steps it only falls.
+    """
     rise = 0.1 if steps > 9 else 0.0  # torch divides by zero if the rise ends at step 0
     return OneCycleLR(optimizer, max_lr=learning_rate, total_steps=steps + 1, pct_start=rise)

@@ -42,6 +42,7 @@ SETTINGS = {
     "grid.color": "#E6E6E6",
     "grid.linewidth": 0.5,
     "lines.linewidth": 1.3,
+    "savefig.dpi": DPI,  # of images within a PDF and within the page
     "legend.frameon": False,
     # Text stays text in the PDF, so that a reader can search and edit it.
     "pdf.fonttype": 42,

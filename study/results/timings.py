@@ -4,13 +4,15 @@ Timings differ between runs, so they are not in ``study.json``.
 """
 
 import platform
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from study.common.files import read_json, write_json
+from study.config.names import ORACLE
 from study.config.settings import Config
 from study.workflow.engine import workers
 from study.workflow.store import Store
@@ -80,3 +82,14 @@ def parallel_tasks(config: Config, out: Path) -> int:
         return int(read_json(out / NAME)["workers"])
     except (OSError, ValueError, KeyError, TypeError):
         return workers(config.engine)
+
+
+def of(task: Task, costs: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
+    """The published cost of a task, empty if there is none.
+
+    Args:
+        task: the task.
+        costs: see `read`. In earlier versions the name of the oracle was without the seed.
+    """
+    earlier = re.sub(rf"/{ORACLE}/seed-\d+$", f"/{ORACLE}", task.name)
+    return costs.get(task.name) or costs.get(earlier, {})

@@ -65,6 +65,7 @@ def test_the_duration_on_many_workers_from_published_timings() -> None:
     lines = study("plan", "--out", out, "--workers", 1, "--grid.seeds", "[0]").out.splitlines()
     (first,) = [index for index, line in enumerate(lines) if line.startswith("on 1 worker: ")]
     assert f"about {in_words(sum(seconds.values()))}, 100% busy, " in lines[first]
+    assert f"durations from {len(seconds)} stages" in lines[first]
     chain = [" ".join(line.split()[:2]) for line in lines[first + 2 :]]
     assert lines[first + 1] == f"critical path, {in_words(sum(seconds[n] for n in chain))}:"
     assert not (out / "work").exists()

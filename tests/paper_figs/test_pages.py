@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from paper_figs import outcome_tables, score_tables
-from paper_figs.pages import benchmark_tables, claim_tables, study_tables
+from paper_figs.pages import benchmark_tables, claim_tables, multiverse_tables, study_tables
 from paper_figs.pages.marks import rewritten
 from paper_figs.scores import read_scores
 from study.claims.judge import CLAIMS
@@ -143,7 +143,7 @@ def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
     write(results, tmp_path / "multiverse")
     first, fifth = CLAIMS[0], CLAIMS[4]  # the fifth has no scores
     claims = [{"id": c.id, "section": c.section, "text": c.text} for c in (first, fifth)]
-    table = claim_tables.readings(claims, tmp_path / "multiverse")
+    table = multiverse_tables.readings(claims, tmp_path / "multiverse")
     assert fifth.text not in table
     cells = _cells(table)
     row = f"[{first.text}](../multiverse/figures/specification_{first.id}.png)"
@@ -158,7 +158,7 @@ def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
 
 
 def test_without_a_multiverse_the_page_says_so(tmp_path: Path) -> None:
-    assert "has not been run" in claim_tables.readings([], tmp_path / "multiverse")
+    assert multiverse_tables.readings([], tmp_path) == multiverse_tables.NOT_RUN
 
 
 def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:

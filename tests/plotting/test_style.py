@@ -1,8 +1,10 @@
 """The line of a curve shows its level, and the files of a figure are always the same bytes."""
 
+import re
 from pathlib import Path
 
 import matplotlib as mpl
+import pytest
 
 from study.config.names import ENSEMBLE, ORACLE, RESIDUAL
 from study.plotting import lines, style
@@ -38,3 +40,12 @@ def test_the_same_figure_gives_the_same_bytes(tmp_path: Path) -> None:
     for suffix in (".png", ".pdf"):
         one, other = (tmp_path / f"{name}{suffix}" for name in ("one", "other"))
         assert one.read_bytes() == other.read_bytes()
+
+
+def test_images_in_a_pdf_have_the_pixels_of_the_png(tmp_path: Path) -> None:
+    with mpl.rc_context(style.context()):
+        figure = style.figure(height=1.0)
+        figure.add_axes((0, 0, 1, 1)).imshow([[0, 1]], aspect="auto")
+        _, pdf = style.save(figure, tmp_path / "image")
+    (width,) = re.findall(rb"/Width (\d+)", pdf.read_bytes())
+    assert int(width) == pytest.approx(style.COLUMN_WIDTH * style.DPI, abs=2)

@@ -1,0 +1,67 @@
+"""The table of the multiverse: every claim of the paper in every reading."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from paper_figs.formatting import NOTHING
+from paper_figs.pages.claim_tables import Claims, of_the_paper
+from paper_figs.pages.marks import pipe_table
+from study.common.files import read_json
+from study.config.names import label
+from study.multiverse import folder
+from study.multiverse.effects import VERDICTS, curve, judged, shares
+from study.multiverse.folder import Multiverse
+from study.multiverse.report import influence_on
+
+NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
+
+
+def tables(results: Path) -> dict[str, Callable[[], str]]:
+    """The functions that write the tables, by name.
+
+    Args:
+        results: the folder with the committed results, ``results/`` of the repository.
+    """
+    path = results / "multiverse"
+    return {
+        "readings": lambda: readings(read_json(results / "paper" / "claims.json"), path),
+    }
+
+
+def readings(claims: Claims, path: Path) -> str:
+    """Every claim of the paper in the universes of the multiverse.
+
+    The columns: the share of universes with each verdict, the verdict in each base reading, and the
+    choice that moves the effect most. The claim links to its specification curve.
+
+    Args:
+        claims: of the study.
+        path: the results folder of the multiverse. Without one, the table is a sentence.
+    """
+    if not (path / folder.FACTS).is_file():
+        return NOT_RUN
+    results = folder.read(path)
+    bases = list(results.design.bases)
+    heads = ["claim", *(v.value for v in VERDICTS), *map(label, bases), "strongest choice"]
+    names = judged(results.effects)
+    rows = [
+        _reading(results, claim, bases) for claim in of_the_paper(claims) if claim["id"] in names
+    ]
+    count = f"{len(results.scored)} of {len(results.universes)} readings have been run."
+    return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
+
+
+def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:
+    verdict = curve(results.effects, claim["id"]).set_index("universe")["verdict"]
+    regression = influence_on(results, claim["id"])
+    strongest = regression.strongest if regression else None
+    decides = NOTHING
+    if regression and strongest:
+        decides = f"{label(strongest)} ({regression.shares[strongest]:.0%})"
+    return [
+        f"[{claim['text']}](../multiverse/figures/specification_{claim['id']}.png)",
+        *(f"{share:.0%}" for share in shares(results.effects, claim["id"]).values()),
+        *(str(verdict.get(base, NOTHING)) for base in bases),
+        decides,
+    ]
