@@ -12,7 +12,7 @@ from study.config.names import label
 from study.multiverse import folder
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.report import influence_on
+from study.multiverse.report import strongest_choice
 
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
 
@@ -54,14 +54,9 @@ def readings(claims: Claims, path: Path) -> str:
 
 def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:
     verdict = curve(results.effects, claim["id"]).set_index("universe")["verdict"]
-    regression = influence_on(results, claim["id"])
-    strongest = regression.strongest if regression else None
-    decides = NOTHING
-    if regression and strongest:
-        decides = f"{label(strongest)} ({regression.shares[strongest]:.0%})"
     return [
         f"[{claim['text']}](../multiverse/figures/specification_{claim['id']}.png)",
         *(f"{share:.0%}" for share in shares(results.effects, claim["id"]).values()),
         *(str(verdict.get(base, NOTHING)) for base in bases),
-        decides,
+        strongest_choice(results, claim["id"]) or NOTHING,
     ]

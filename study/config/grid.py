@@ -31,6 +31,13 @@ class Cell:
         return f"{self.environment}/{self.level}/{self.model}/seed-{self.seed}"
 
     @property
+    def evaluation(self) -> str:
+        """The name of the cell's evaluation. That of the oracle, which has no level, is shared."""
+        if self.model == ORACLE:
+            return f"{self.environment}/{ORACLE}/seed-{self.seed}"
+        return self.name
+
+    @property
     def is_reference(self) -> bool:
         """Whether this is no model of the grid."""
         return self.model in (*REFERENCES, *RECORDED_REFERENCES)

@@ -34,6 +34,17 @@ def influence_on(
     return influence(effects, multiverse.values, multiverse.design.choices)
 
 
+def strongest_choice(multiverse: Multiverse, claim: str) -> str | None:
+    """The choice that moves the effect of a claim most, with its share of the variance.
+
+    None if no choice does, or if too few universes have scores to tell the choices apart.
+    """
+    regression = influence_on(multiverse, claim)
+    if regression is None or regression.strongest is None:
+        return None
+    return f"{_name(regression.strongest)} ({regression.shares[regression.strongest]:.0%})"
+
+
 def _claims(multiverse: Multiverse) -> list[Claim]:
     names = judged(multiverse.effects)
     return [claim for claim in CLAIMS if claim.id in names]
@@ -115,16 +126,11 @@ def _verdict_row(multiverse: Multiverse, claim: Claim) -> str:
     found = shares(multiverse.effects, claim.id)
     effects = curve(multiverse.effects, claim.id)["effect"]
     figure = f"figures/specification_{claim.id}.png"
-    regression = influence_on(multiverse, claim.id)
-    strongest = regression.strongest if regression else None
-    decides = DASH
-    if regression and strongest:
-        decides = f"{_name(strongest)} ({regression.shares[strongest]:.0%})"
     entries = [
         f"[{claim.text}]({figure})",
         *(f"{share:.0%}" for share in found.values()),
         f"{effects.median():+.4f} ({effects.min():+.4f} to {effects.max():+.4f})",
-        decides,
+        strongest_choice(multiverse, claim.id) or DASH,
     ]
     return f"| {' | '.join(entries)} |"
 

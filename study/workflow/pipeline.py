@@ -17,7 +17,7 @@ from typing import Any
 from study.common.seeds import derive
 from study.config.convert import to_json
 from study.config.grid import Cell
-from study.config.names import ENSEMBLE, FROM_DATA, ORACLE
+from study.config.names import ENSEMBLE, FROM_DATA
 from study.config.recorded import Recorded, recorded_of
 from study.config.settings import Config
 from study.config.stage_settings import (
@@ -109,16 +109,14 @@ class Pipeline:
     def evaluate(self, cell: Cell) -> Task:
         """Forecasts of the test scenarios and their scores.
 
-        The label and the seed of the oracle do not contain the level, so all levels share one task.
+        Label and seed of the oracle do not contain the level, so all levels share one task.
         """
         settings = self.evaluate_settings(cell)
         inputs = {"data": self.collect(cell.environment), **self._fitted(cell)}
         classes: list[type] = [self._system(cell.environment)]
         if "trained" in inputs:
             classes.append(models[cell.model])
-        is_oracle = cell.model == ORACLE
-        label = f"{cell.environment}/{ORACLE}/seed-{cell.seed}" if is_oracle else cell.name
-        return self._task("evaluate", label, settings, classes, **inputs)
+        return self._task("evaluate", cell.evaluation, settings, classes, **inputs)
 
     def evaluate_settings(self, cell: Cell) -> EvaluateSettings:
         """The settings of `evaluate`, which need no log of a recorded system."""

@@ -1,7 +1,5 @@
-"""The CRPS models: an unbiased score, a latent variable, and two phases of training."""
+"""The CRPS models: an unbiased score, a latent variable, and the loss of each phase of training."""
 
-from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,33 +9,19 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from study.config.convert import to_json
-from study.config.grid import Cell
-from study.config.model_sections import Crps, Network
-from study.config.settings import Config
-from study.data.normalization import Normalization
-from study.models.checkpoints import build
 from study.models.crps import (
     ACTION_SUM_SCALE,
-    EVALUATIONS,
     TRAJECTORIES,
     CrpsModel,
-    CrpsSettings,
     fair_score,
-    two_cycles,
 )
-from study.models.unroll.frame import turn
-from study.workflow.pipeline import Pipeline
 from tests.helpers.models import (
     ACTION,
     HORIZON,
     MEMBERS,
     STATE,
     batch,
-    ensemble,
     model,
-    normalization,
-    settings,
 )
 
 NAMES = ["residual_crps", "full_crps"]
@@ -309,29 +293,6 @@ def test_steps_with_large_changes_are_sampled_more_often(monkeypatch: pytest.Mon
     assert float(torch.cat(conditions).detach().mean()) == pytest.approx(expected, abs=0.06)
 
 
-def test_the_learning_rate_falls_before_rollouts_and_at_the_end() -> None:
-    rates = np.array([two_cycles(step, 1000, 800) for step in range(1000)])
-    assert (rates > 0).all()
-    assert rates.max() == pytest.approx(1.0, abs=0.02)
-    assert rates[798] < 0.01
-    assert rates[800:].max() == pytest.approx(0.1, abs=0.005)
-    assert rates[-1] < 0.01
-    for one_step_steps in (0, 1000):
-        assert all(0 < two_cycles(step, 1000, one_step_steps) <= 1 for step in range(1000))
-
-
-def test_the_optimizer_is_reset_before_rollouts() -> None:
-    network = crps("full_crps", steps=10)
-    assert [step for step in range(10) if network.resets_optimizer_at(step)] == [8]
-    optimizer = torch.optim.AdamW(network.parameters())
-    network.losses(batch(), 0)["loss"].backward()
-    optimizer.step()
-    for step, has_state in ((7, True), (8, False)):
-        network._trainer = SimpleNamespace(global_step=step, optimizers=[optimizer])
-        network.on_train_batch_start()
-        assert bool(optimizer.state) is has_state
-
-
 def test_forecasts_keep_to_the_range_of_the_training_data() -> None:
     network, states = crps("full_crps"), batch()["states"]
     network.on_training_data(states)
@@ -340,60 +301,3 @@ def test_forecasts_keep_to_the_range_of_the_training_data() -> None:
     forecasts = network.sample(states[:, 0], torch.randn(8, HORIZON, ACTION), noise, member)
     assert torch.equal(forecasts.amax((0, 1, 2)), states.amax((0, 1)))
     assert torch.equal(forecasts.amin((0, 1, 2)), states.amin((0, 1)))
-
-
-def test_the_training_options_are_those_of_the_section_crps() -> None:
-    train = Config().train
-    settings = CrpsSettings(Crps(steps=2505, batch_size=7, learning_rate=0.02), Network(), train)
-    of_crps: dict[str, Any] = {"steps": 2505, "batch_size": 7, "learning_rate": 0.02}
-    of_crps |= {"symmetries": "all", "patience": 2505, "validate_every": 2505 // EVALUATIONS}
-    expected = replace(train, **of_crps)
-    assert CrpsModel.training_options(settings) == expected
-    assert CrpsModel.training_options(replace(settings, train=expected)) == expected
-
-
-def test_the_pipeline_applies_the_training_options() -> None:
-    config = Config(sections={"crps": Crps(steps=2505)})
-    of_crps, of_vae = (
-        Pipeline(config).train(Cell("pusher", "low", name, 0)).settings["model_settings"]["train"]
-        for name in ("full_crps", "full_vae")
-    )
-    assert of_crps["steps"] == 2505
-    assert of_vae == to_json(config.train)
-
-
-@pytest.mark.parametrize(("name", "expected"), [("full_crps", True), ("residual_crps", False)])
-def test_a_model_without_a_baseline_works_in_the_canonical_frame(name: str, expected: bool) -> None:
-    """Then s_0 is not one of its inputs, since it has a direction."""
-    axis = np.array([[0, 1], [1, 2]], np.int64)
-    declared = replace(normalization(), turned_pairs=axis, axis=axis)
-
-    def decoder_and_start(units: Normalization, **values: Any) -> tuple[bool, int]:
-        network = build(name, units, settings(name, crps=values), None, ensemble())
-        assert isinstance(network, CrpsModel)
-        return network.decoder.is_canonical, network.start_size
-
-    assert decoder_and_start(declared) == (expected, 0 if expected else STATE)
-    assert decoder_and_start(normalization()) == (False, STATE)
-    assert decoder_and_start(declared, canonical_frame=False) == (False, STATE)
-
-
-def test_in_the_canonical_frame_the_scores_of_transitions_do_not_depend_on_direction() -> None:
-    pairs = np.array([[0, 1], [2, 3]], np.int64)
-    zero, one, none = np.zeros(5, np.float32), np.ones(5, np.float32), np.zeros((0, 3), np.int64)
-    actions = one[:ACTION]
-    units = Normalization(zero, one, zero[:ACTION], actions, one, none, pairs, pairs)
-    without_latent = settings("full_crps", crps={"trajectory_latent_size": 0})
-    network = build("full_crps", units, without_latent)
-    assert isinstance(network, CrpsModel)
-    torch.nn.init.normal_(network.decoder.skip.weight, std=0.1)
-    states, angle = torch.randn(8, HORIZON + 1, 5), torch.tensor(1.0)
-    turned = turn(states, torch.from_numpy(pairs), angle.cos(), angle.sin())
-    both = []
-    for values in (states, turned):
-        torch.manual_seed(0)
-        both.append(
-            network.losses({"states": values, "actions": torch.ones(8, HORIZON, ACTION)}, 0)
-        )
-    for loss in ("loss/transitions", "loss/mean"):
-        torch.testing.assert_close(both[0][loss], both[1][loss], rtol=1e-4, atol=1e-4)
