@@ -4,14 +4,17 @@
 
 One figure for each claim (Simonsohn, Simmons and Nelson 2020). Above, the decisive effect of each
 universe with its 95 % interval, in ascending order, in the colour of the verdict on the claim, and
-the effects of its other contrasts in grey.
+the effects of its other contrasts in grey. The scale is linear up to the smallest effect of
+interest and logarithmic beyond, so that a universe in which a model diverges hides no other.
 Below, a dot for the value that the universe has of each choice. Vertical lines mark the base
 readings. A further figure, ``verdicts``, shows the share of each verdict for every claim.
 """
 
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -37,8 +40,12 @@ ROW = 0.115
 """Height of a row of the grid, in inches."""
 CURVE = 1.7
 """Height of the curve, in inches."""
+TITLE = 95
+"""Length of a line of the title, in characters."""
 OTHER = "#B0B0B0"
 """The colour of effects of contrasts that are not decisive."""
+SMALLEST: dict[str, Any] = {"color": "black", "linewidth": 0.6, "linestyle": (0, (1, 2))}
+"""The line of the smallest effect of interest."""
 EMPTY = "#ECECEC"
 """The colour of the dots of values that a universe does not have."""
 MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not of a multiverse"
@@ -80,35 +87,36 @@ def _specification(multiverse: Multiverse, claim: Claim) -> Figure:
     _plot_curve(above, rows, others, claim)
     _plot_grid(below, rows, multiverse)
     _mark_bases(above, below, rows, multiverse)
-    above.set_title(claim.text, loc="left")
+    above.set_title("\n".join(textwrap.wrap(claim.text, TITLE)), loc="left")
     above.set_xlim(-1, len(rows))
     below.set_xlabel(f"{len(rows)} universes, in the order of the effect")
-    counts = rows["verdict"].value_counts()
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=COLOURS[verdict],
-            marker="o",
-            markersize=3,
-            label=f"{verdict}: {counts.get(verdict, 0)} ({share:.0%})",
-        )
-        for verdict, share in shares(multiverse.effects, claim.id).items()
-    ]
-    if len(others):
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=OTHER,
-                marker="o",
-                markersize=1.4,
-                linewidth=0,
-                label="other contrasts",
-            )
-        )
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    handles = _legend(rows, shares(multiverse.effects, claim.id), len(others) > 0)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
+
+
+def _legend(
+    rows: pd.DataFrame, found: dict[Outcome, float], has_other_contrasts: bool
+) -> list[Line2D]:
+    """The verdicts with their counts and shares, and the other marks of the curve."""
+    counts = rows["verdict"].value_counts()
+    marks: dict[str, dict[str, Any]] = {
+        f"{verdict}: {counts.get(verdict, 0)} ({share:.0%})": {
+            "color": COLOURS[verdict],
+            "marker": "o",
+            "markersize": 3,
+        }
+        for verdict, share in found.items()
+    }
+    marks["smallest effect of interest"] = SMALLEST
+    if has_other_contrasts:
+        marks["other contrasts"] = {
+            "color": OTHER,
+            "marker": "o",
+            "markersize": 1.4,
+            "linewidth": 0,
+        }
+    return [Line2D([], [], label=label, **mark) for label, mark in marks.items()]
 
 
 def _other_contrasts(rows: pd.DataFrame, effects: pd.DataFrame, claim: Claim) -> pd.DataFrame:
@@ -121,8 +129,10 @@ def _other_contrasts(rows: pd.DataFrame, effects: pd.DataFrame, claim: Claim) ->
 def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Claim) -> None:
     """The decisive effects with their intervals, and the other effects without."""
     axes.axhline(0, color="black", linewidth=0.6)
-    axes.axhline(claim.smallest_effect, color="black", linewidth=0.5, linestyle=(0, (1, 2)))
-    low, high = _limits(rows, others)
+    # The inverse hyperbolic sine: linear near 0, logarithmic far from it.
+    axes.set_yscale("asinh", linear_width=claim.smallest_effect)
+    axes.axhline(claim.smallest_effect, **SMALLEST)
+    low, high = _limits(rows, others, claim.smallest_effect)
     axes.plot(others["position"], others["effect"], "o", color=OTHER, markersize=1.4, zorder=1)
     for verdict, part in rows.groupby("verdict"):
         ends = part[["low", "high"]].clip(low - 1, high + 1)
@@ -130,22 +140,41 @@ def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Cla
         axes.vlines(part.index, ends["low"], ends["high"], color=colour, linewidth=0.9, alpha=0.6)
         axes.plot(part.index, part["effect"], "o", color=colour, markersize=2.6)
     axes.set_ylim(low, high)
+    axes.set_yticks(_ticks(low, high, claim.smallest_effect), minor=False)
+    axes.set_yticks([], minor=True)
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_ylabel("effect (decisive contrast)")
     axes.grid(axis="x", visible=False)
     axes.tick_params(axis="x", length=0, labelbottom=False)
 
 
-def _limits(rows: pd.DataFrame, others: pd.DataFrame) -> tuple[float, float]:
-    """Limits that show all finite effects, and most of the intervals."""
-    effects = np.concatenate([rows["effect"], others["effect"]])
+def _ticks(low: float, high: float, linear: float) -> list[float]:
+    """0, and the powers of ten beyond the linear part of the scale."""
+    first = int(np.ceil(np.log10(2 * linear)))
+    powers = [10.0**power for power in range(first, 8)]
+    return [0.0, *(x for y in powers for x in (-y, y) if low <= x <= high)]
+
+
+def _limits(rows: pd.DataFrame, others: pd.DataFrame, linear: float) -> tuple[float, float]:
+    """Limits that show all finite effects, and most of the intervals.
+
+    Args:
+        rows: the curve.
+        others: the effects of the other contrasts.
+        linear: up to where the scale is linear.
+    """
+    effects = np.arcsinh(np.concatenate([rows["effect"], others["effect"]]) / linear)
     effects = effects[np.isfinite(effects)]
-    ends = rows[["low", "high"]].to_numpy()
+    ends = np.arcsinh(rows[["low", "high"]].to_numpy() / linear)
     ends = ends[np.isfinite(ends)]
     low, high = float(effects.min(initial=0.0)), float(effects.max(initial=0.0))
     reach = max(high - low, 1e-6)
     low = max(low - reach, float(ends.min(initial=low)))
     high = min(high + reach, float(ends.max(initial=high)))
-    return low - 0.06 * reach, high + 0.12 * reach
+    return (
+        linear * float(np.sinh(low - 0.06 * reach)),
+        linear * float(np.sinh(high + 0.12 * reach)),
+    )
 
 
 def _plot_grid(axes: Axes, rows: pd.DataFrame, multiverse: Multiverse) -> None:

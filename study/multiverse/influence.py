@@ -6,6 +6,10 @@ the effect when the choice takes that value and all others stay. Intervals are t
 HC3 covariance (MacKinnon and White 1985; Long and Ervin 2000), which allows the scatter around the
 model to differ between universes. The scatter has two sources: interactions of choices, and the
 variation of training.
+
+A model that diverges in a few universes has effects there that are many times those elsewhere, and
+these few would decide a regression of the effect. So the ranks of the effects are regressed too
+(the rank transformation of Conover and Iman 1981), and the shares are those of ranks.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,23 +28,30 @@ FULL_LEVERAGE = 1 - 1e-9
 
 
 @dataclass(frozen=True)
+class Change:
+    """A mean change with its 95 % interval, which is infinite where it is undefined."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Term:
-    """The mean change of an effect by one value of a choice, relative to its first value.
+    """The mean change by one value of a choice, relative to its first value.
 
     Attributes:
         choice: name of the choice.
         value: the value.
-        change: of the effect.
-        low: lower end of the 95 % interval; infinite where it is undefined.
-        high: upper end.
+        effect: the change of the effect.
+        rank: the change of the rank of the effect, as a share of all universes.
         universes: number of universes with the value.
     """
 
     choice: str
     value: str
-    change: float
-    low: float
-    high: float
+    effect: Change
+    rank: Change
     universes: int
 
 
@@ -50,7 +61,7 @@ class Influence:
 
     Attributes:
         terms: in the order of the choices.
-        shares: share of the variance of the effect between universes that is lost if a choice is
+        shares: share of the variance of the ranks between universes that is lost if a choice is
             left out of the regression (semipartial R²), by choice.
         explained: share of that variance that all choices explain (R²).
         universes: number of universes.
@@ -89,21 +100,30 @@ def influence(
     if count <= terms or np.linalg.matrix_rank(design) < terms:
         return None
     outcome: Doubles = np.asarray(finite.to_numpy(), np.float64)
-    change, half = fit(design, outcome)
-    total = float(((outcome - outcome.mean()) ** 2).sum())
-    whole = _residual(design, outcome)
+    ranks: Doubles = np.asarray(finite.rank().to_numpy(), np.float64) / count
+    total = float(((ranks - ranks.mean()) ** 2).sum())
+    whole = _residual(design, ranks)
     shares = {}
     for choice in dict.fromkeys(choice for choice, _ in columns):
         others = [column for (name, _), column in columns.items() if name != choice]
-        without = _residual(np.column_stack([np.ones(count), *others]), outcome)
+        without = _residual(np.column_stack([np.ones(count), *others]), ranks)
         shares[choice] = (without - whole) / total if total else 0.0
+    of_effect, of_rank = _changes(design, outcome), _changes(design, ranks)
     found = [
-        Term(choice, value, c, c - h, c + h, int(column.sum()))
-        for ((choice, value), column), c, h in zip(
-            columns.items(), map(float, change[1:]), map(float, half[1:]), strict=True
+        Term(choice, value, effect, rank, int(column.sum()))
+        for ((choice, value), column), effect, rank in zip(
+            columns.items(), of_effect, of_rank, strict=True
         )
     ]
     return Influence(tuple(found), shares, 1 - whole / total if total else 0.0, count)
+
+
+def _changes(design: Doubles, outcome: Doubles) -> list[Change]:
+    """The change of an outcome by each term but the constant."""
+    mean, half = fit(design, outcome)
+    return [
+        Change(m, m - h, m + h) for m, h in zip(map(float, mean), map(float, half), strict=True)
+    ][1:]
 
 
 def fit(design: Doubles, outcome: Doubles) -> tuple[Doubles, Doubles]:

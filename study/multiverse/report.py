@@ -13,7 +13,7 @@ from study.metrics.intervals import basis, training_seeds
 from study.multiverse.design import Choice, Universe
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.influence import Influence, Term, influence
+from study.multiverse.influence import Change, Influence, Term, influence
 
 DASH = "–"
 CONTRASTS = 3
@@ -115,7 +115,7 @@ def _verdict_tables(multiverse: Multiverse, claims: Sequence[Claim]) -> Iterator
     yield from (
         "- **effect**: of the decisive contrast, the one with the smallest effect: the median over "
         "the universes, and the range.",
-        "- **strongest choice**: the choice without which a regression of the effect on all "
+        "- **strongest choice**: the choice without which a regression of the effect's rank on all "
         "choices explains least, and the share of the variance between universes that is lost: see "
         "[choices.md](choices.md).",
         "",
@@ -211,10 +211,12 @@ def _choices_page(multiverse: Multiverse) -> str:
         "",
         "For each value of a choice: the mean change of the effect relative to the first "
         "value of the choice, by a linear regression over all universes without interactions, with "
-        "a 95 % t interval (HC3). A change in bold has an interval without zero. The columns of "
-        "the base readings show the change when that reading is changed in this choice alone. If "
-        "they differ from each other, the choice interacts with others. *Share*: of the variance "
-        "between universes, what is lost without the choice.",
+        "a 95 % t interval (HC3). A change in bold has an interval without zero. *Rank*: the same "
+        "for the rank of the effect among the universes, in percent of their number. A universe in "
+        "which a model diverges has a large effect, but a rank like any other. *Share*: of the "
+        "variance of the ranks, what is lost without the choice. The columns of the base readings "
+        "show the change of the effect when that reading is changed in this choice alone. If they "
+        "differ from each other, the choice interacts with others.",
         "",
         "The first table of a claim is about its decisive contrast, the one with the smallest "
         "effect in a universe. It may be another contrast in another universe, so a claim of two "
@@ -244,27 +246,29 @@ def _influence_table(
     bases = list(multiverse.design.bases)
     yield (
         f"{regression.universes} universes. The choices explain {regression.explained:.0%} of the "
-        "variance between them."
+        "variance of the ranks."
     )
     yield ""
-    heads = ["choice", "value", "universes", "change of the effect", "share"]
+    heads = ["choice", "value", "universes", "change of the effect", "rank", "share"]
     yield f"| {' | '.join([*heads, *(f'at {_name(base)}' for base in bases)])} |"
-    yield f"|---|---|---:|---:|---:|{'---:|' * len(bases)}"
+    yield f"|---|---|---:|---:|---:|---:|{'---:|' * len(bases)}"
     order = sorted(regression.shares, key=regression.shares.__getitem__, reverse=True)
     for name in order:
         terms = [term for term in regression.terms if term.choice == name]
         for term in terms:
             at_bases = [_at_base(multiverse, effects, base, term) for base in bases]
             share = f"{regression.shares[name]:.0%}" if term is terms[0] else ""
-            entries = [_name(name), markdown(term.value), str(term.universes), _change(term), share]
+            changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
+            entries = [_name(name), markdown(term.value), str(term.universes), *changes, share]
             yield f"| {' | '.join([*entries, *at_bases])} |"
 
 
-def _change(term: Term) -> str:
-    if not np.isfinite(term.low):
-        return f"{term.change:+.4f} [unknown]"
-    text = f"{term.change:+.4f} [{term.low:+.4f}, {term.high:+.4f}]"
-    return f"**{text}**" if term.low > 0 or term.high < 0 else text
+def _change(change: Change, form: str) -> str:
+    mean, low, high = (form.format(value) for value in (change.mean, change.low, change.high))
+    if not np.isfinite(change.low):
+        return f"{mean} [unknown]"
+    text = f"{mean} [{low}, {high}]"
+    return f"**{text}**" if change.low > 0 or change.high < 0 else text
 
 
 def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, term: Term) -> str:

@@ -37,10 +37,13 @@ def test_the_table_of_what_a_value_changes() -> None:
     found = influence_on(results, CLAIMS[0].id)
     assert found is not None
     term = next(term for term in found.terms if (term.choice, term.value) == ("target", "state"))
-    ((_, value, universes, change, share, study, as_written),) = rows_of(page, "| target")
+    ((_, value, universes, change, rank, share, study, as_written),) = rows_of(page, "| target")
     assert value == "state"
     assert universes == str(term.universes)
-    assert change == f"**{term.change:+.4f} [{term.low:+.4f}, {term.high:+.4f}]**"
+    of_effect, of_rank = term.effect, term.rank
+    assert change == f"**{of_effect.mean:+.4f} [{of_effect.low:+.4f}, {of_effect.high:+.4f}]**"
+    assert of_rank.low < 0 < of_rank.high  # so it is not in bold
+    assert rank == f"{of_rank.mean:+.0%} [{of_rank.low:+.0%}, {of_rank.high:+.0%}]"
     assert share == f"{found.shares['target']:.0%}"
     effects = curve(results.effects, CLAIMS[0].id).set_index("universe")["effect"]
     assert study == f"{effects['study/target=state'] - effects['study']:+.4f}"

@@ -1,10 +1,12 @@
 """Specification curves: their files, the colours of the verdicts, and the order of universes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from paper_figs import specification_curve
 from study.claims.judge import CLAIMS
@@ -74,6 +76,40 @@ def test_dots_ascend_and_stand_above_their_values(folder: Path) -> None:
     with_mean = set(dots[dots[:, 1] == ticks["mean"], 0].astype(int))
     expected = [results.values[name]["forecast"] == "mean" for name in rows["universe"]]
     assert with_mean == set(np.flatnonzero(expected))
+
+
+def test_a_universe_that_diverges_hides_no_other(folder: Path) -> None:
+    """Effects about as large as the smallest effect of interest stay apart from zero."""
+    results = read(folder)
+    claim = results.effects["claim"] == FIRST.id
+    results.effects.loc[results.effects[claim]["effect"].idxmax(), "effect"] = 1000.0
+    with mpl.rc_context(style.context()):
+        above, _ = specification_curve._specification(results, FIRST).axes
+    to_axes = above.transScale + above.transLimits
+    zero, smallest, largest = to_axes.transform([(0, 0), (0, FIRST.smallest_effect), (0, 1000)])[
+        :, 1
+    ]
+    assert smallest - zero > 0.02
+    assert 0.8 < largest < 1
+    ticks = above.get_yticks()
+    assert {-0.01, 0.0, 0.01, 1000.0} <= set(ticks)
+    assert not set(ticks) & {-0.001, 0.001}  # they would overlap that of zero
+
+
+def test_the_title_fits(folder: Path) -> None:
+    results = read(folder)
+    longest = max(CLAIMS, key=lambda claim: len(claim.text))
+    first = results.effects["claim"] == FIRST.id
+    renamed = replace(results, effects=results.effects[first].assign(claim=longest.id))
+    with mpl.rc_context(style.context()):
+        figure = specification_curve._specification(renamed, longest)
+        figure.draw_without_rendering()
+    (title,) = [
+        text
+        for text in figure.axes[0].findobj(Text)
+        if text.get_text().startswith(longest.text[:20])
+    ]
+    assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_infinite_intervals_and_effects_are_drawn(folder: Path, tmp_path: Path) -> None:
