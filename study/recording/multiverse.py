@@ -21,6 +21,7 @@ from study.multiverse.folder import Multiverse
 from study.plotting.palette import REFERENCE, Colour, series
 from study.plotting.palette import VERDICTS as PALETTE
 from study.recording import blueprints
+from study.recording.blueprints import Range
 from study.recording.properties import Properties, table, write_markdown, write_readme
 from study.recording.streams import (
     entity_path,
@@ -47,7 +48,8 @@ Every claim is judged in every universe.
 values, verdicts and scores. The arrow keys go to the next one.
 
 - The plots of claims have a dot for the decisive effect in each universe, in the colour of the
-  verdict. The grey lines are the ends of its 95 % interval.
+  verdict. The grey lines are the ends of its 95 % interval. Effects of models that diverge may be
+  outside: scroll with the pointer on the axis to zoom out.
 - The plot *Choices* has a dot for each value that a universe has. The panel *Rows* has their names.
 
 The universes are in the order of the effect of this claim: *{first}*
@@ -70,7 +72,8 @@ def record_multiverse(path: Path, multiverse: Multiverse, properties: Properties
     claims = [claim for claim in CLAIMS if claim.id in names]
     order = order_of_universes(multiverse, names)
     tabs = _tabs(claims)
-    with recording(path, KIND, properties, _layout(tabs, len(order))) as stream:
+    spans = {claim.id: span_of(curve(multiverse.effects, claim.id)["effect"]) for claim in claims}
+    with recording(path, KIND, properties, _layout(tabs, spans, len(order))) as stream:
         first = claims[0].text if claims else "none, since no claim has scores"
         write_readme(stream, _README.format(first=first), properties)
         for claim in claims:
@@ -216,7 +219,22 @@ def _tabs(claims: Sequence[Claim]) -> dict[str, list[Claim]]:
     return tabs
 
 
-def _layout(tabs: Mapping[str, Sequence[Claim]], count: int) -> rrb.Blueprint:
+def span_of(effects: "pd.Series[float]") -> Range:
+    """The range of a plot: 0, and most effects of a claim.
+
+    A model that diverges has an effect that is many times the others. It would hide them, so the
+    range is that of the central 80 % of the effects, and twice as wide.
+    """
+    found = effects[np.isfinite(effects)]
+    low, high = np.quantile(found, [0.1, 0.9]) if len(found) else (0.0, 0.0)
+    low, high = min(float(low), 0.0), max(float(high), 0.0)
+    margin = max((high - low) / 2, 1e-3)
+    return low - margin, high + margin
+
+
+def _layout(
+    tabs: Mapping[str, Sequence[Claim]], spans: Mapping[str, Range], count: int
+) -> rrb.Blueprint:
     times = (-1, count)
     pages = []
     for title, claims in tabs.items():
@@ -225,6 +243,7 @@ def _layout(tabs: Mapping[str, Sequence[Claim]], count: int) -> rrb.Blueprint:
                 claim.text,
                 [f"{entity_path(kind, claim.id)}/**" for kind in ("interval", "effect")],
                 legend=None,
+                span=spans[claim.id],
                 times=times,
             )
             for claim in claims

@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from study.claims.judge import CLAIMS
 from study.multiverse.effects import VERDICTS, curve
 from study.recording.integrity import check
-from study.recording.multiverse import order_of_universes, page, record_multiverse
+from study.recording.multiverse import order_of_universes, page, record_multiverse, span_of
 from tests.helpers import reading
 from tests.helpers.multiverse import multiverse
 
@@ -74,3 +75,14 @@ def test_the_panel_of_the_rows(path: Path) -> None:
     text = reading.document(path, "/rows")
     assert "| forecast | mean |" in text
     assert "What does the decoder predict?" in text
+
+
+def test_the_range_of_a_plot_is_not_that_of_a_model_that_diverges() -> None:
+    few = pd.Series([*np.linspace(-0.01, 0.03, 30), 900.0, -50.0, np.inf, np.nan])
+    low, high = span_of(few)
+    assert -0.05 < low < -0.01
+    assert 0.03 < high < 0.06
+    low, high = span_of(pd.Series([0.2, 0.3]))
+    assert low < 0  # zero is always in it
+    low, high = span_of(pd.Series(dtype=float))
+    assert low < 0 < high
