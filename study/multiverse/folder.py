@@ -11,7 +11,7 @@ from study.common.errors import BadInput, StudyError
 from study.common.files import read_json, replacing, write_json
 from study.multiverse.design import Choice, Design, Exclusion, Universe
 
-FORMAT = 1
+FORMAT = 2
 FACTS, EFFECTS, CELLS = "multiverse.json", "effects.parquet", "cells.parquet"
 AGAIN = "run `python -m study.run multiverse` first, or name another folder"
 
@@ -67,7 +67,7 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
     design = multiverse.design
     facts = {
         "format": FORMAT,
-        # Lists, since the order of choices and of their values counts.
+        # The order of choices, of their values, and of the base readings counts.
         "choices": [
             {
                 "name": choice.name,
@@ -76,7 +76,7 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
             }
             for choice in design.choices
         ],
-        "bases": design.bases,
+        "bases": [{"name": name, "values": values} for name, values in design.bases.items()],
         "exclusions": [asdict(rule) for rule in design.exclusions],
         "random": design.random,
         "seed": design.seed,
@@ -84,7 +84,7 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
         "failures": [asdict(failure) for failure in multiverse.failures],
         **multiverse.facts,
     }
-    write_json(out / FACTS, facts)
+    write_json(out / FACTS, facts, sort_keys=False)
     for name, table in ((EFFECTS, multiverse.effects), (CELLS, multiverse.cells)):
         with replacing(out / name) as temporary:
             table.to_parquet(temporary, index=False)
@@ -115,7 +115,7 @@ def read(folder: Path) -> Multiverse:
         )
         design = Design(
             choices,
-            facts.pop("bases"),
+            {entry["name"]: entry["values"] for entry in facts.pop("bases")},
             tuple(Exclusion(**rule) for rule in facts.pop("exclusions")),
             facts.pop("random"),
             facts.pop("seed"),

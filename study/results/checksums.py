@@ -3,7 +3,7 @@
 A run writes this file last. ``sha256sum --check SHA256SUMS`` checks the folder without Python.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from study.common.errors import StudyError
@@ -82,13 +82,17 @@ def read(out: Path) -> dict[str, str]:
         raise StudyError(f"{path} is damaged ({error}); {RUN_AGAIN}") from None
 
 
-def problems(out: Path) -> list[str]:
+def problems(out: Path, names: Sequence[str] | None = None) -> list[str]:
     """The files that differ from ``SHA256SUMS``, one line each.
 
     Lines begin with `damaged: `, `missing: ` or `not listed in SHA256SUMS: `. A folder without
     results has no problems.
+
+    Args:
+        out: the folder.
+        names: of the files that should be listed; None for those of a study.
     """
-    names = present(out)
+    names = present(out) if names is None else names
     if not names:
         return []
     try:

@@ -100,20 +100,30 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
         return False
     for path in (out / STATE, out / checksums.NAME):
         path.unlink(missing_ok=True)
-    for name, text in report.pages(multiverse).items():
-        write_text(out / name, text)
+    write_pages(multiverse, out)
     shutil.rmtree(out / "figures", ignore_errors=True)
     problem = None
     try:
         run_each(lambda: _plot(multiverse, out), lambda: _record(multiverse, out))
     except StudyError as error:
         problem = error
-    files = sorted(path for pattern in FILES for path in out.glob(pattern))
-    checksums.seal(out, [path.relative_to(out).as_posix() for path in files])
+    checksums.seal(out, present(out))
     if problem is not None:
         raise problem
     write_json(out / STATE, {"inputs": inputs})
     return True
+
+
+def write_pages(multiverse: Multiverse, out: Path) -> None:
+    """Write ``README.md`` and ``choices.md``."""
+    for name, text in report.pages(multiverse).items():
+        write_text(out / name, text)
+
+
+def present(out: Path) -> list[str]:
+    """The sorted names of the files with checksums that are in the folder."""
+    files = sorted(path for pattern in FILES for path in out.glob(pattern))
+    return [path.relative_to(out).as_posix() for path in files]
 
 
 def _is_current(inputs: str, out: Path) -> bool:

@@ -65,8 +65,8 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
     """
     progress(0.0, "checksums")
     problems = checksums.problems(results.out)
-    yield from check_files(results, problems)
-    yield check_recordings(results)
+    yield from check_files(results.out, problems)
+    yield check_recordings(results.out)
     yield from check_summary(results, problems, progress.part(0.05, 0.4 if rerun else 1.0))
     if rerun is not None:
         yield check_scores(results, rerun, progress.part(0.4, 1.0))
@@ -84,29 +84,29 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
         yield Check("versions", True, text)
 
 
-def check_files(results: Results, problems: list[str]) -> Iterator[Check]:
+def check_files(out: Path, problems: list[str], remedy: str = REMEDY) -> Iterator[Check]:
     """Compare every file with ``SHA256SUMS``; `problems` are from `checksums.problems`."""
     if not problems:
-        count = len(checksums.read(results.out))
+        names = checksums.read(out)
         problems = [
-            f"cut off before its checksum was made: {results.out / name} ({problem})"
-            for name in checksums.present(results.out)
-            if (problem := why_incomplete(results.out / name)) is not None
+            f"cut off before its checksum was made: {out / name} ({problem})"
+            for name in names
+            if (problem := why_incomplete(out / name)) is not None
         ]
     if not problems:
-        yield Check("files", True, f"{count} files match {checksums.NAME}")
+        yield Check("files", True, f"{len(names)} files match {checksums.NAME}")
     for problem in problems:
-        yield Check("files", False, f"{problem}; {REMEDY}")
+        yield Check("files", False, f"{problem}; {remedy}")
 
 
-def check_recordings(results: Results) -> Check:
+def check_recordings(out: Path, remedy: str = REMEDY) -> Check:
     """Compare every recording with the checksum file beside it."""
-    paths = sorted((results.out / "recordings").rglob("*.rrd"))
+    paths = sorted((out / "recordings").rglob("*.rrd"))
     for path in paths:
         try:
             integrity.check(path)
         except StudyError as error:
-            return Check("recordings", False, f"{error}; {REMEDY}")
+            return Check("recordings", False, f"{error}; {remedy}")
     return Check("recordings", True, f"{len(paths)} recordings match their checksums")
 
 
@@ -150,23 +150,39 @@ def check_scores(results: Results, cell: Cell, progress: Progress) -> Check:
     return Check("scores", *rerun.compare(cell.name, published, repeated))
 
 
-def compare_files(name: str, out: Path, repeated: Path, pattern: str) -> Check:
-    """Compare the files of `out` that match a pattern with those of `repeated`."""
+def compare_files(
+    name: str,
+    out: Path,
+    repeated: Path,
+    pattern: str,
+    source: str = "the scores",
+    remedy: str = REMEDY,
+) -> Check:
+    """Compare the files of `out` that match a pattern with those of `repeated`.
+
+    Args:
+        name: subject of the check.
+        out: the results folder.
+        repeated: a folder with the same files, written again.
+        pattern: of the files.
+        source: from what they were written again.
+        remedy: what to do if they differ.
+    """
     published, expected = (
         {path.relative_to(folder).as_posix() for path in folder.glob(pattern)}
         for folder in (out, repeated)
     )
     if published != expected:
         first = min(published ^ expected)
-        problem = "is missing" if first in expected else "does not follow from the scores"
-        return Check(name, False, f"{out / first} {problem}; {REMEDY}")
+        problem = "is missing" if first in expected else f"does not follow from {source}"
+        return Check(name, False, f"{out / first} {problem}; {remedy}")
     same_content = 0
     for path in sorted(published):
         if not same_bytes(out / path, repeated / path):
             if difference := content_difference(out / path, repeated / path):
-                return Check(name, False, f"{out / path} {difference}; {REMEDY}")
+                return Check(name, False, f"{out / path} {difference}; {remedy}")
             same_content += 1
-    text = f"{len(published)} files written again from the scores: the same bytes"
+    text = f"{len(published)} files written again from {source}: the same bytes"
     if same_content:
         text += f", or in {same_content} of them the same content"
     return Check(name, True, text)
@@ -184,7 +200,7 @@ def content_difference(published: Path, expected: Path) -> str | None:
                 return None
         except ValueError:
             return "is not a JSON file"
-    return "differs from what the scores give"
+    return "differs from the one that is written again"
 
 
 def _pixel_difference(published: Path, expected: Path) -> str | None:

@@ -195,6 +195,28 @@ def test_a_damaged_page_is_written_again(copied: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_it_is_verified(copied: Path) -> None:
+    done = study("verify", copied)
+    assert done.code == 0, done
+    checks = [line.split()[:2] for line in done.out.splitlines()]
+    assert checks == [["ok", name] for name in ("files", "recordings", "tables", "figures")]
+    (copied / "figures" / "verdicts.png").unlink()
+    (copied / "choices.md").write_text("nothing")
+    done = study("verify", copied)
+    assert done.code == 1
+    found = {line.split()[1] for line in done.out.splitlines() if line.startswith("DIFFERS")}
+    assert found == {"files", "tables", "figures"}
+    (copied / "effects.parquet").write_bytes(b"PAR1")
+    done = study("verify", copied)
+    assert done.code == 1
+    last = (
+        f"DIFFERS  figures    not made again, since a source is damaged: {copied}/effects.parquet"
+    )
+    assert done.out.splitlines()[-1] == last
+    assert "--rerun" in study("verify", copied, "--rerun", "pusher").err
+
+
+@pytest.mark.slow
 def test_a_changed_value_runs_its_universes_alone(copied: Path, tmp_path: Path) -> None:
     before, old = folders(copied), read(copied)
     changed = loss(plain={"mlp.loss": "nll", "mlp.layers": 2})

@@ -8,6 +8,7 @@ import pytest
 
 from study.common.errors import BadInput, StudyError
 from study.multiverse.folder import CELLS, EFFECTS, FACTS, read, write
+from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
 
 
@@ -20,15 +21,24 @@ def written(tmp_path: Path) -> Path:
 def test_what_was_written_is_read(written: Path) -> None:
     expected, found = multiverse(), read(written)
     assert found.design == expected.design
+    assert list(found.design.bases) == list(expected.design.bases)
     assert [list(choice.values) for choice in found.design.choices] == [
         list(choice.values) for choice in expected.design.choices
     ]
     assert list(found.universes) == list(expected.universes)
     assert list(found.failures) == list(expected.failures)
+    assert [list(u.values.items()) for u in found.universes] == [
+        list(u.values.items()) for u in expected.universes
+    ]
     assert found.facts == expected.facts
     assert found.scored == expected.scored
     pd.testing.assert_frame_equal(found.effects, expected.effects)
     pd.testing.assert_frame_equal(found.cells, expected.cells)
+
+
+def test_the_pages_of_what_was_read_are_those_of_what_was_written(written: Path) -> None:
+    """They depend on the order of the base readings, of choices, and of values."""
+    assert pages(read(written)) == pages(multiverse())
 
 
 def test_the_same_results_give_the_same_bytes(written: Path, tmp_path: Path) -> None:
