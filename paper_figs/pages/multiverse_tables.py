@@ -1,20 +1,23 @@
-"""The table of the multiverse: every claim of the paper in every reading."""
+"""The tables of the multiverse: every claim in every reading, and the effect of each choice."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from paper_figs.formatting import NOTHING
 from paper_figs.pages.claim_tables import Claims, of_the_paper
 from paper_figs.pages.marks import pipe_table
 from study.common.files import read_json
-from study.config.names import label
+from study.config.names import MODELS, label
 from study.multiverse import folder
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.multiverse.report import strongest_choice
 
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
+ENVIRONMENTS = ("pusher", "uav")
 
 
 def tables(results: Path) -> dict[str, Callable[[], str]]:
@@ -26,6 +29,7 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     path = results / "multiverse"
     return {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), path),
+        "changes": lambda: changes(path),
     }
 
 
@@ -50,6 +54,38 @@ def readings(claims: Claims, path: Path) -> str:
     ]
     count = f"{len(results.scored)} of {len(results.universes)} readings have been run."
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
+
+
+def changes(path: Path, base: str = "study", level: str = "low") -> str:
+    """MMD² of each model with one change of a base reading / MMD² without the change.
+
+    A dash stands where the change does not concern the model.
+
+    Args:
+        path: the results folder of the multiverse. Without one, the table is a sentence.
+        base: the base reading.
+        level: the epistemic level.
+    """
+    if not (path / folder.FACTS).is_file():
+        return NOT_RUN
+    results = folder.read(path)
+    cells = results.cells[results.cells["level"] == level]
+    means = cells.groupby(["universe", "model", "environment"])["mmd2"].mean()
+    columns = [(model, environment) for model in MODELS for environment in ENVIRONMENTS]
+    rows = []
+    for universe in results.universes:
+        if universe.base == base and universe.changed and universe.name in results.scored:
+            change = f"{label(universe.changed)}: {universe.values[universe.changed]}"
+            ratios = [_ratio(means, (universe.name, *at), (base, *at)) for at in columns]
+            rows.append([change, *ratios])
+    heads = ["change", *(f"{label(model)}, {label(where)}" for model, where in columns)]
+    return pipe_table(heads, rows)
+
+
+def _ratio(means: "pd.Series[float]", new: tuple[str, ...], old: tuple[str, ...]) -> str:
+    if new not in means.index or old not in means.index or means[new] == means[old]:
+        return NOTHING
+    return f"{means[new] / means[old]:.2f}"
 
 
 def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from paper_figs.formatting import NOTHING, number, signed, title
+from paper_figs.formatting import number, signed, title
 from paper_figs.pages.marks import pipe_table
 from paper_figs.scores import read_scores, rollouts
 from study.claims.paper import BRIER
@@ -157,7 +156,6 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
         "beta": lambda: beta(study),
         "fit-seconds": lambda: fit_seconds(study),
         "stages": lambda: stages(study),
-        "ablations": lambda: ablations(read_json(results / "ablations" / "ablations.json")),
     }
 
 
@@ -272,23 +270,6 @@ def stages(study: Study) -> str:
     rows.append(["all", str(len(study.timings)), f"{total:,.0f}", "100 %", ""])
     heads = ["stage", "tasks", "processor seconds", "share", "peak memory, MB"]
     return pipe_table(heads, rows)
-
-
-def ablations(record: dict[str, Any]) -> str:
-    """MMD² with a change / MMD² without the change; a dash if the change has no effect."""
-    before, *_ = (name for name in record["scores"] if name not in record["settings"]["ablations"])
-    names = [(e, model) for model in MODELS for e in ENVIRONMENTS]
-    rows = []
-    for change in record["settings"]["ablations"]:
-        row = [f"`{change}`"]
-        for environment, model in names:
-            cell = f"{environment}/low/{model}/seed-0"
-            old, new = (record["scores"][key].get(cell) for key in (before, change))
-            unchanged = old is None or new is None or old == new
-            row.append(NOTHING if unchanged else f"{new['mmd2'] / old['mmd2']:.2f}")
-        if set(row[1:]) != {NOTHING}:
-            rows.append(row)
-    return pipe_table(["change", *(f"{label(m)}, {label(e)}" for e, m in names)], rows)
 
 
 def _name(cell: tuple[str, str]) -> str:

@@ -116,7 +116,7 @@ def test_the_shipped_configs_are_valid() -> None:
     # The file of the multiverse has a part for its own command: see tests/commands/test_multiverse.
     files = [path for path in CONFIGS.glob("*.yaml") if path.stem != "multiverse"]
     names = {configuration("--config", str(path)).name for path in files}
-    ablations = {"ablations", "ablations_high", "ablations_crps"}
+    ablations = {"ablations", "ablations_crps"}
     assert names == {"smoke", "quick", "paper", "as_written", "fork", *ablations}
 
 

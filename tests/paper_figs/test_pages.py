@@ -1,6 +1,7 @@
 """Generated tables in pages: the marks, and the numbers between them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +159,24 @@ def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
 
 
 def test_without_a_multiverse_the_page_says_so(tmp_path: Path) -> None:
-    assert multiverse_tables.readings([], tmp_path) == multiverse_tables.NOT_RUN
+    for table in (multiverse_tables.readings([], tmp_path), multiverse_tables.changes(tmp_path)):
+        assert table == multiverse_tables.NOT_RUN
+
+
+def test_the_changes_are_relative_to_the_base_reading(tmp_path: Path) -> None:
+    results = multiverse()
+    cells = results.cells
+    changed = (cells["universe"] == "study/target=state") & (cells["model"] == RESIDUAL)
+    cells.loc[changed, "mmd2"] *= 1.5
+    others = [cells.assign(level="high", mmd2=9.0), cells.assign(seed=1)]
+    results = replace(results, cells=pd.concat([cells, *others], ignore_index=True))
+    write(results, tmp_path)
+    table = _cells(multiverse_tables.changes(tmp_path))
+    assert table["target: state", "residual VAE, Pusher"] == "1.50"
+    assert table["target: state", "probabilistic MLP, Pusher"] == "—"  # the same number
+    assert table["target: state", "full VAE, Pusher"] == "—"  # there is none
+    singles = {u.name for u in results.universes if u.base == "study" and u.changed}
+    assert len({row for row, _ in table}) == len(singles & set(results.scored))
 
 
 def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:
