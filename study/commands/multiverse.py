@@ -14,7 +14,7 @@ from study.commands.variants import Variants, last_tasks, run_missing, tasks_of
 from study.common.errors import BadInput, StudyError, nearest
 from study.config.settings import Config
 from study.config.stage_settings import STAGES
-from study.multiverse.design import Design, Universe, check_defaults, config_of_universe
+from study.multiverse.design import Design, Universe, check_settings, config_of_universe
 from study.multiverse.read import PART, design_from
 from study.multiverse.universes import universes as universes_of
 from study.results.folder import check_writable, create
@@ -29,8 +29,8 @@ DETAILS = """\
 The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
 part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
 multiverse continues where it stopped; after a new value or choice, only what is new runs.
-OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, figures/ and
-recordings/multiverse.rrd.
+OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, repeats.parquet,
+figures/ and recordings/multiverse.rrd.
 
 what  run; or plan, which lists the universes with the stages to run and the time that they take
 
@@ -65,7 +65,7 @@ def run(options: Options) -> int:
     if options.what not in ACTIONS:
         raise BadInput(f"multiverse: got '{options.what}'; {nearest(options.what, ACTIONS)}")
     design = design_from(options.multiverse)
-    check_defaults(options.config, design)
+    check_settings(options.config, design)
     every = universes_of(design)
     selected = select(every, options.universes)
     configs = {

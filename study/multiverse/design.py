@@ -5,7 +5,7 @@ one value of every choice, so it is one reading of the paper.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from study.common.errors import BadInput, shown
@@ -64,6 +64,9 @@ class Design:
         exclusions: combinations that no universe has.
         random: number of universes with random values.
         seed: of the random universes.
+        further_seeds: training seeds of the base readings, beside those of the study. Their scores
+            show the variation of training. No verdict takes them into account, so that all
+            universes are judged from the same number of seeds.
     """
 
     choices: tuple[Choice, ...]
@@ -71,6 +74,7 @@ class Design:
     exclusions: tuple[Exclusion, ...] = ()
     random: int = 0
     seed: int = 0
+    further_seeds: tuple[int, ...] = ()
 
     def excluded(self, values: Values) -> Exclusion | None:
         """The first exclusion that applies to a reading; None if it is allowed."""
@@ -113,14 +117,14 @@ class Universe:
         return "one change" if self.changed else "base"
 
 
-def check_defaults(config: Config, design: Design) -> None:
+def check_settings(config: Config, design: Design) -> None:
     """Check that the first value of every choice is that of the settings that universes share.
 
     So a base reading that names no choice is the study with these settings, and no setting is
     replaced unnoticed.
 
     Raises:
-        BadInput: a setting has another value.
+        BadInput: a setting has another value, or a further seed is one of the study.
     """
     shared = values_of(config)
     for choice in design.choices:
@@ -131,10 +135,14 @@ def check_defaults(config: Config, design: Design) -> None:
                     f"its first value '{choice.default}' is {shown(value)}; change "
                     "multiverse.choices in the file of settings"
                 )
+    if both := sorted(set(design.further_seeds) & set(config.grid.seeds)):
+        raise BadInput(
+            f"multiverse.further_seeds: got {both[0]}, which is in grid.seeds; give other seeds"
+        )
 
 
 def config_of_universe(config: Config, design: Design, universe: Universe) -> Config:
-    """The settings of a universe.
+    """The settings of a universe. A base reading has the further seeds as well.
 
     Args:
         config: the settings that all universes share.
@@ -145,6 +153,9 @@ def config_of_universe(config: Config, design: Design, universe: Universe) -> Co
         BadInput: a value is not allowed for its setting.
     """
     try:
-        return config_of(values_of(config) | design.settings(universe.values))
+        own = config_of(values_of(config) | design.settings(universe.values))
     except BadInput as error:
         raise BadInput(f"multiverse: universe {universe.name}: {error}") from None
+    if universe.kind != "base":
+        return own
+    return replace(own, grid=replace(own.grid, seeds=(*own.grid.seeds, *design.further_seeds)))

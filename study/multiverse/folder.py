@@ -1,4 +1,4 @@
-"""The files of a multiverse: ``multiverse.json``, ``effects.parquet`` and ``cells.parquet``."""
+"""The files of a multiverse: ``multiverse.json`` and three tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,7 +12,8 @@ from study.common.files import read_json, replacing, write_json
 from study.multiverse.design import Choice, Design, Exclusion, Universe
 
 FORMAT = 2
-FACTS, EFFECTS, CELLS = "multiverse.json", "effects.parquet", "cells.parquet"
+FACTS = "multiverse.json"
+EFFECTS, CELLS, REPEATS = "effects.parquet", "cells.parquet", "repeats.parquet"
 AGAIN = "run `python -m study.run multiverse` first, or name another folder"
 
 
@@ -35,6 +36,7 @@ class Multiverse:
         universes: all universes of the design, run or not.
         effects: the effects of the claims, see `study.multiverse.effects`.
         cells: a row for each cell of each universe, with its mean scores, β and KL divergence.
+        repeats: the same for the base readings with further training seeds.
         failures: the cells without scores because a stage failed.
         facts: settings that all universes share, and versions.
     """
@@ -43,6 +45,7 @@ class Multiverse:
     universes: Sequence[Universe]
     effects: pd.DataFrame
     cells: pd.DataFrame
+    repeats: pd.DataFrame
     failures: Sequence[Failure]
     facts: Mapping[str, Any]
 
@@ -59,7 +62,7 @@ class Multiverse:
 
 
 def write(multiverse: Multiverse, out: Path) -> list[Path]:
-    """Write the three files.
+    """Write the files.
 
     Returns:
         their paths.
@@ -80,19 +83,25 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
         "exclusions": [asdict(rule) for rule in design.exclusions],
         "random": design.random,
         "seed": design.seed,
+        "further_seeds": list(design.further_seeds),
         "universes": [asdict(universe) for universe in multiverse.universes],
         "failures": [asdict(failure) for failure in multiverse.failures],
         **multiverse.facts,
     }
     write_json(out / FACTS, facts, sort_keys=False)
-    for name, table in ((EFFECTS, multiverse.effects), (CELLS, multiverse.cells)):
+    tables = {
+        EFFECTS: multiverse.effects,
+        CELLS: multiverse.cells,
+        REPEATS: multiverse.repeats,
+    }
+    for name, table in tables.items():
         with replacing(out / name) as temporary:
             table.to_parquet(temporary, index=False)
-    return [out / FACTS, out / EFFECTS, out / CELLS]
+    return [out / FACTS, *(out / name for name in tables)]
 
 
 def read(folder: Path) -> Multiverse:
-    """Read the three files.
+    """Read the files.
 
     Raises:
         BadInput: the folder has no multiverse, or one of another version.
@@ -119,11 +128,14 @@ def read(folder: Path) -> Multiverse:
             tuple(Exclusion(**rule) for rule in facts.pop("exclusions")),
             facts.pop("random"),
             facts.pop("seed"),
+            tuple(facts.pop("further_seeds")),
         )
         universes = [Universe(**entry) for entry in facts.pop("universes")]
         failures = [Failure(**entry) for entry in facts.pop("failures")]
-        effects, cells = (pd.read_parquet(folder / name) for name in (EFFECTS, CELLS))
+        effects, cells, repeats = (
+            pd.read_parquet(folder / name) for name in (EFFECTS, CELLS, REPEATS)
+        )
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise StudyError(f"the multiverse in {folder} is damaged ({reason}): {AGAIN}") from None
-    return Multiverse(design, universes, effects, cells, failures, facts)
+    return Multiverse(design, universes, effects, cells, repeats, failures, facts)

@@ -7,6 +7,7 @@ Such a part is
         study: {}                # the first value of every choice
         as_written: {variance: homoscedastic}
       random: 24
+      further_seeds: [1]         # of the base readings
       choices:
         variance:
           question: Does the variance of the decoder depend on the past?
@@ -34,7 +35,7 @@ from study.multiverse.design import Choice, Design, Exclusion, Values
 
 PART = "multiverse"
 """The part of the file of settings that holds the design."""
-KEYS = ("bases", "choices", "random", "seed", "exclude")
+KEYS = ("bases", "choices", "random", "seed", "further_seeds", "exclude")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -71,6 +72,7 @@ def design_from(content: Any) -> Design:
         tuple(_exclusions(part.get("exclude", []), choices)),
         _whole_number(f"{PART}.random", part.get("random", 0)),
         _whole_number(f"{PART}.seed", part.get("seed", 0)),
+        _seeds(f"{PART}.further_seeds", part.get("further_seeds", [])),
     )
 
 
@@ -173,6 +175,15 @@ def _check_keys(
     for key in required:
         if key not in content:
             raise BadInput(f"{where}: '{key}' is missing")
+
+
+def _seeds(where: str, content: Any) -> tuple[int, ...]:
+    if not isinstance(content, list):
+        raise BadInput(f"{where}: got {shown(content)}; it must be a list of seeds, such as [1, 2]")
+    seeds = tuple(_whole_number(where, seed) for seed in content)
+    if len(set(seeds)) < len(seeds):
+        raise BadInput(f"{where}: got {shown(content)}; a seed is there twice")
+    return seeds
 
 
 def _whole_number(where: str, value: Any) -> int:

@@ -71,13 +71,14 @@ def _summary(multiverse: Multiverse) -> str:
         "",
         *_universe_table(multiverse),
         "",
+        *_repeats(multiverse),
         "## Failures",
         "",
         *_failures(multiverse),
         "",
         "Written by `python -m study.run multiverse` with the settings and versions in "
         "`multiverse.json`. `effects.parquet` has every contrast of every claim in every universe, "
-        "and `cells.parquet` the mean scores of every cell.",
+        "and `cells.parquet` and `repeats.parquet` the mean scores of every cell.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -182,6 +183,33 @@ def _universe_table(multiverse: Multiverse) -> Iterator[str]:
         f"has the values that differ from the reading *{_name(next(iter(multiverse.design.bases)))}"
         "*.",
     )
+
+
+def _repeats(multiverse: Multiverse) -> Iterator[str]:
+    """The scores of the base readings with each training seed."""
+    if multiverse.repeats.empty:
+        return
+    yield from (
+        "## Variation of training",
+        "",
+        "The base readings are trained with further seeds too. No verdict takes these fits into "
+        "account. They show which differences between universes are due to chance. Each entry "
+        "has the mean MMD² of one seed after the other, from seed "
+        f"{multiverse.cells['seed'].min()} on.",
+        "",
+    )
+    cells = pd.concat([multiverse.cells, multiverse.repeats], ignore_index=True)
+    cells = cells[cells["universe"].isin(multiverse.repeats["universe"])]
+    models = [name for name in dict.fromkeys(cells["model"]) if name != ORACLE]
+    yield f"| universe | environment | level | {' | '.join(label(m) for m in models)} |"
+    yield f"|---|---|---|{'---:|' * len(models)}"
+    for place, part in cells.groupby(["universe", "environment", "level"], sort=False):
+        found = [part[part["model"] == model].sort_values("seed")["mmd2"] for model in models]
+        values = [", ".join(_number(float(value)) for value in row) or DASH for row in found]
+        universe, environment, level = map(str, place)
+        entries = [f"`{universe}`", label(environment), label(level), *values]
+        yield f"| {' | '.join(entries)} |"
+    yield ""
 
 
 def _differences(multiverse: Multiverse, universe: Universe) -> str:

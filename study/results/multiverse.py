@@ -1,7 +1,7 @@
 """Collect a multiverse from the folders of its stages, and write its results folder."""
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -65,22 +65,40 @@ def collect(
         store: the folders of the tasks.
     """
     scores = _Scores(store)
-    effects, rows, failures = [], [], []
+    effects, rows, repeats, failures = [], [], [], []
     for universe in universes:
-        by_cell = tasks[universe.name]
-        complete = {cell: task for cell, task in by_cell.items() if scores.has(task)}
-        others = {cell: task for cell, task in by_cell.items() if cell not in complete}
-        failed = list(_failures(universe.name, others, store))
-        failures += failed
-        if len(complete) + len(failed) < len(by_cell) or not complete:
+        judged, further = _by_seed(tasks[universe.name], design.further_seeds)
+        complete = {cell: task for cell, task in judged.items() if scores.has(task)}
+        failed = list(_failures(universe.name, judged, scores, store))
+        failures += [*failed, *_failures(universe.name, further, scores, store)]
+        repeats += [
+            _row(universe.name, cell, task, scores, store)
+            for cell, task in further.items()
+            if scores.has(task)
+        ]
+        if len(complete) + len(failed) < len(judged) or not complete:
             continue
         table = pd.concat([scores.read(cell, task) for cell, task in complete.items()])
         effects.append(effects_of(universe.name, table))
         rows += [_row(universe.name, cell, task, scores, store) for cell, task in complete.items()]
-    cells = pd.DataFrame(rows, columns=list(COLUMNS))
-    cells = cells.astype(dict.fromkeys((*METRICS, *DIAGNOSTICS), "float64"))
     facts = {"settings": settings_of(config), "versions": versions()}
-    return Multiverse(design, universes, join(effects), cells, failures, facts)
+    return Multiverse(
+        design, universes, join(effects), _table(rows), _table(repeats), failures, facts
+    )
+
+
+def _by_seed(
+    by_cell: Mapping[Cell, Task], further: Collection[int]
+) -> tuple[dict[Cell, Task], dict[Cell, Task]]:
+    """The cells of the seeds of the study, from which claims are judged, and those of others."""
+    judged = {cell: task for cell, task in by_cell.items() if cell.seed not in further}
+    return judged, {cell: task for cell, task in by_cell.items() if cell.seed in further}
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The table of cells from its rows."""
+    types = {"seed": "int64", **dict.fromkeys((*METRICS, *DIAGNOSTICS), "float64")}
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(types)
 
 
 def publish(multiverse: Multiverse, out: Path) -> bool:
@@ -92,8 +110,8 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     Raises:
         StudyError: a figure or the recording could not be written. All other files are.
     """
-    folder.write(multiverse, out)
-    tables = {name: sha256(out / name) for name in (folder.FACTS, folder.EFFECTS, folder.CELLS)}
+    written = folder.write(multiverse, out)
+    tables = {path.name: sha256(path) for path in written}
     source = dict(source_digests((__name__,)))
     inputs = digest([tables, source])
     if _is_current(inputs, out):
@@ -194,9 +212,11 @@ def _row(universe: str, cell: Cell, task: Task, scores: _Scores, store: Store) -
     return row
 
 
-def _failures(universe: str, by_cell: Mapping[Cell, Task], store: Store) -> Iterator[Failure]:
-    """The cells, of those without scores, that have none because a stage failed."""
+def _failures(
+    universe: str, by_cell: Mapping[Cell, Task], scores: _Scores, store: Store
+) -> Iterator[Failure]:
+    """The cells without scores because a stage failed."""
     for cell, task in by_cell.items():
-        if cause := failed_stage(task, store):
+        if not scores.has(task) and (cause := failed_stage(task, store)):
             error = store.failure(cause).read_text(encoding="utf-8").strip()
             yield Failure(universe, cell.name, cause.name, error)

@@ -11,7 +11,7 @@ from study.results import checksums, multiverse
 from study.results.verify import Check, check_files, check_recordings, compare_files
 
 REMEDY = "restore it, or write it again: python -m study.run multiverse"
-SOURCES = (folder.FACTS, folder.EFFECTS, folder.CELLS)
+SOURCES = (folder.FACTS, folder.EFFECTS, folder.CELLS, folder.REPEATS)
 
 
 def is_multiverse(out: Path) -> bool:

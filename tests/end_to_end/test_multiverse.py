@@ -1,7 +1,6 @@
 """A small multiverse: what it writes, and which stages run after a change of its design."""
 
 import copy
-import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 
 from paper_figs import specification_curve
 from study.commands.parser import parse
-from study.commands.settings import CONFIGS
 from study.commands.view import find_recording
 from study.common.errors import StudyError
 from study.common.files import read_checksums, read_json, sha256
@@ -20,44 +18,8 @@ from study.multiverse.effects import effects_of
 from study.multiverse.folder import read
 from study.recording.integrity import check
 from study.stages import train
-from tests.helpers.multiverse import FORECAST
 from tests.helpers.running import Done, files, study
-
-SETTINGS: dict[str, Any] = {
-    "name": "small",
-    "grid": {
-        "environments": ["pusher"],
-        "levels": ["low"],
-        "models": ["residual_vae", "full_vae", "probabilistic_mlp"],
-    },
-    "collect": {"trajectories": 12, "validation": 4, "scenarios": 4, "rollouts": 4, "horizon": 6},
-    "ensemble": {"members": 2, "hidden_size": 4, "steps": 2, "batch_size": 4},
-    "tune": {"trials": 1, "steps": 2, "evaluations": 1, "validation": 2, "samples": 2},
-    "vae": {"hidden_size": 4, "latent_size": 2},
-    "mlp": {"hidden_size": 4, "layers": 1},
-    "train": {"steps": 2, "batch_size": 4, "validate_every": 1},
-    "evaluate": {"samples": 4, "examples": 1},
-    "engine": {"kind": "serial"},
-}
-DESIGN: dict[str, Any] = {
-    "bases": {"study": {}, "as_written": {"forecast": "mean"}},
-    "choices": {
-        "forecast": FORECAST,
-        "loss": {
-            "question": "By which loss is the MLP trained?",
-            "values": {"beta": {"mlp.loss": "beta_nll"}, "plain": {"mlp.loss": "nll"}},
-        },
-    },
-}
-
-
-def written_design(folder: Path, **choices: Mapping[str, Any]) -> Path:
-    """A file of settings with the design, with some of its choices replaced."""
-    part = copy.deepcopy(DESIGN)
-    part["choices"] |= choices
-    path = folder / "small.yaml"
-    path.write_text(json.dumps({**SETTINGS, "multiverse": part}), encoding="utf-8")
-    return path
+from tests.helpers.small_multiverse import DESIGN, written_design
 
 
 def loss(**values: Mapping[str, Any]) -> dict[str, Any]:
@@ -90,7 +52,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
 
 def again(out: Path, folder: Path, **choices: Mapping[str, Any]) -> Done:
     """Run a changed design in the folder of another."""
-    return study("multiverse", "--config", written_design(folder, **choices), "--out", out)
+    return study("multiverse", "--config", written_design(folder, (), **choices), "--out", out)
 
 
 @pytest.fixture
@@ -248,6 +210,24 @@ def test_a_further_value_runs_what_is_new_alone(copied: Path, tmp_path: Path) ->
 
 
 @pytest.mark.slow
+def test_further_seeds_of_the_base_readings_change_no_verdict(copied: Path, tmp_path: Path) -> None:
+    before, old = folders(copied), read(copied)
+    path = written_design(tmp_path, further_seeds=[1])
+    assert study("multiverse", "--config", path, "--out", copied).code == 0
+    # Two readings of the two VAEs, the MLP that both have, and the oracle and the ensemble alone.
+    # The data do not depend on the training seed.
+    expected = {"ensemble": 1, "tune": 2 * 2, "train": 2 * 2 + 1, "evaluate": 2 * 2 + 1 + 2}
+    assert new_stages(before, copied) == expected
+    new = read(copied)
+    assert new.effects.equals(old.effects)
+    assert new.cells.equals(old.cells)
+    assert set(new.repeats["seed"]) == {1}
+    assert list(dict.fromkeys(new.repeats["universe"])) == ["study", "as_written"]
+    assert new.repeats["mmd2"].notna().all()
+    assert "## Variation of training" in (copied / "README.md").read_text()
+
+
+@pytest.mark.slow
 def test_a_failed_universe_is_listed_and_stops_no_other(
     copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -306,33 +286,3 @@ def test_the_recording_is_found(ran: tuple[Path, Done], tmp_path: Path) -> None:
     done = study("view", "multiverse", "--out", tmp_path / "none")
     assert done.code == 1
     assert "python -m study.run multiverse writes it" in done.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["pln"], "multiverse: got 'pln'; did you mean 'plan'?"),
-        (["--universes", "stdy"], "--universes: none matches 'stdy'; did you mean 'study'?"),
-        (["--mlp.loss=nll"], "mlp.loss: got 'nll', but the choice 'loss' sets it"),
-        (["--mlp.los=nll"], "unknown setting 'mlp.los'"),
-    ],
-)
-def test_arguments_that_are_wrong(arguments: list[str], expected: str, tmp_path: Path) -> None:
-    given = ("multiverse", *arguments, "--config", written_design(tmp_path))
-    done = study(*given, "--out", tmp_path / "out")
-    assert done.code == 2
-    assert expected in done.err
-    assert done.err.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_file_of_settings_without_a_design(tmp_path: Path) -> None:
-    done = study("multiverse", "--config", CONFIGS / "smoke.yaml", "--out", tmp_path / "out")
-    assert done.code == 2
-    assert "multiverse: missing in the file of settings; see configs/multiverse.yaml" in done.err
-
-
-def test_other_commands_refuse_the_design(tmp_path: Path) -> None:
-    done = study("plan", "--config", written_design(tmp_path), "--out", tmp_path / "out")
-    assert done.code == 2
-    assert "unknown setting 'multiverse'" in done.err

@@ -25,6 +25,7 @@ FORECAST: dict[str, Any] = {
 PART: dict[str, Any] = {
     "bases": {"study": {}, "as_written": {"forecast": "mean", "target": "state", "beta": "low"}},
     "random": 12,
+    "further_seeds": [1],
     "choices": {
         "forecast": FORECAST,
         "target": {
@@ -64,7 +65,10 @@ def design(**changes: Any) -> Design:
 
 
 def multiverse(**changes: Any) -> Multiverse:
-    """Results of the design: effects of the first four claims, and one universe that failed."""
+    """Results of the design: effects of the first four claims, and one universe that failed.
+
+    The cells have seed 0, and those of the base reading `study` seed 1 too.
+    """
     planned = design(**changes)
     every = universes(planned)
     *complete, failed = every
@@ -94,11 +98,12 @@ def multiverse(**changes: Any) -> Multiverse:
             for model in ("residual_vae", "probabilistic_mlp")
         ]
     )
+    repeats = cells[cells["universe"] == "study"].assign(seed=1, mmd2=0.123)
     failure = Failure(
         failed.name, "pusher/low/full_vae/seed-0", "train pusher/low/full_vae/seed-0", "it | broke"
     )
     facts = {"settings": {"name": "toy"}, "versions": {"python": "3"}}
-    return Multiverse(planned, every, effects, cells, [failure], facts)
+    return Multiverse(planned, every, effects, cells, repeats, [failure], facts)
 
 
 def _rows(universe: str, claim: str, effect: float) -> list[dict[str, Any]]:

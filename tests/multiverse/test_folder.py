@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.common.errors import BadInput, StudyError
-from study.multiverse.folder import CELLS, EFFECTS, FACTS, read, write
+from study.multiverse.folder import CELLS, EFFECTS, FACTS, REPEATS, read, write
 from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
 
@@ -34,6 +34,9 @@ def test_what_was_written_is_read(written: Path) -> None:
     assert found.scored == expected.scored
     pd.testing.assert_frame_equal(found.effects, expected.effects)
     pd.testing.assert_frame_equal(found.cells, expected.cells)
+    pd.testing.assert_frame_equal(
+        found.repeats.reset_index(drop=True), expected.repeats.reset_index(drop=True)
+    )
 
 
 def test_the_pages_of_what_was_read_are_those_of_what_was_written(written: Path) -> None:
@@ -42,7 +45,7 @@ def test_the_pages_of_what_was_read_are_those_of_what_was_written(written: Path)
 
 
 def test_the_same_results_give_the_same_bytes(written: Path, tmp_path: Path) -> None:
-    names = (FACTS, EFFECTS, CELLS)
+    names = (FACTS, EFFECTS, CELLS, REPEATS)
     before = [(written / name).read_bytes() for name in names]
     write(read(written), tmp_path / "copy")
     assert [(tmp_path / "copy" / name).read_bytes() for name in names] == before
@@ -60,7 +63,7 @@ def test_another_format(written: Path) -> None:
         read(written)
 
 
-@pytest.mark.parametrize("name", [FACTS, EFFECTS, CELLS])
+@pytest.mark.parametrize("name", [FACTS, EFFECTS, CELLS, REPEATS])
 def test_a_damaged_file(written: Path, name: str) -> None:
     path = written / name
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])

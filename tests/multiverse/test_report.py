@@ -59,8 +59,9 @@ def test_a_change_that_is_excluded_has_a_dash() -> None:
 def test_every_universe_and_every_failure_has_a_row() -> None:
     results = multiverse(**BIG)
     page, failures = pages(results)["README.md"].split("## Failures")
+    table = page.split("## Universes")[1].split("\n## ")[0]
     for universe in results.universes:
-        assert len(rows_of(page, f"| `{universe.name}` |")) == 1
+        assert len(rows_of(table, f"| `{universe.name}` |")) == 1
     (failure,) = results.failures
     assert rows_of(failures, f"| `{failure.universe}`")[0][2] == failure.stage
     assert "it \\| broke" in failures
@@ -69,7 +70,13 @@ def test_every_universe_and_every_failure_has_a_row() -> None:
 
 def test_without_scores_the_pages_say_so() -> None:
     results = multiverse(**BIG)
-    empty = replace(results, effects=join([]), cells=results.cells.iloc[:0], failures=[])
+    empty = replace(
+        results,
+        effects=join([]),
+        cells=results.cells.iloc[:0],
+        repeats=results.repeats.iloc[:0],
+        failures=[],
+    )
     page = pages(empty)["README.md"]
     assert "No universe has scores for a claim." in page
     assert "No stage failed." in page
@@ -81,3 +88,12 @@ def test_too_few_universes_for_a_regression(count: int) -> None:
     names = results.scored[: count + 1]
     few = replace(results, effects=results.effects[results.effects["universe"].isin(names)])
     assert "Too few universes" in pages(few)["choices.md"]
+
+
+def test_the_scores_of_further_seeds_stand_beside_those_of_the_first() -> None:
+    page = pages(multiverse())["README.md"]
+    ((_, environment, level, *values),) = rows_of(page.split("## Variation of training")[1], "| `s")
+    assert (environment, level) == ("Pusher", "low epistemic")
+    assert values == ["0.100, 0.123"] * 2
+    without = replace(multiverse(), repeats=multiverse().repeats.iloc[:0])
+    assert "Variation of training" not in pages(without)["README.md"]

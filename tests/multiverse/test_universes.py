@@ -11,7 +11,7 @@ from study.commands.settings import CONFIGS
 from study.common.errors import BadInput
 from study.config import strict_yaml
 from study.config.tree import values_of
-from study.multiverse.design import Design, Universe, check_defaults, config_of_universe
+from study.multiverse.design import Design, Universe, check_settings, config_of_universe
 from study.multiverse.read import design_from
 from study.multiverse.universes import BLOCK, balanced_values, universes
 from tests.helpers.multiverse import PART, design
@@ -157,16 +157,29 @@ def test_the_base_readings_are_those_of_the_other_files(base: str, file: str) ->
     shared = configuration("--config", str(CONFIGS / "quick.yaml"))
     universe = next(u for u in universes(planned) if u.name == base)
     found = values_of(config_of_universe(shared, planned, universe))
+    assert found.pop("grid.seeds") == (0, 1)  # that of the file, and the further seed
     expected = values_of(configuration("--config", str(CONFIGS / f"{file}.yaml")))
+    assert expected.pop("grid.seeds") == (0,)
     differing = {name for name in expected if found[name] != expected[name]}
     assert differing <= {"name", "grid.models"}
 
 
 def test_settings_that_a_choice_would_replace_unnoticed_are_an_error() -> None:
     planned = design_from(committed())
-    check_defaults(configuration(), planned)
+    check_settings(configuration(), planned)
     with pytest.raises(BadInput, match=r"train.steps: got 7, but the choice 'training' sets it"):
-        check_defaults(configuration("--train.steps=7"), planned)
+        check_settings(configuration("--train.steps=7"), planned)
+
+
+def test_only_base_readings_have_the_further_seeds() -> None:
+    planned = design_from(PART)
+    seeds = {
+        universe.kind: config_of_universe(configuration(), planned, universe).grid.seeds
+        for universe in universes(planned)
+    }
+    assert seeds == {"base": (0, 1), "one change": (0,), "random": (0,)}
+    with pytest.raises(BadInput, match=r"further_seeds: got 1, which is in grid.seeds"):
+        check_settings(configuration("--grid.seeds=[0, 1]"), planned)
 
 
 def test_a_universe_with_settings_that_do_not_go_together_is_named() -> None:
