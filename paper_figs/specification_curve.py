@@ -52,7 +52,7 @@ MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not 
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/specification_<claim> and figures/verdicts, as .png and .pdf.
+    """Write figures/specification_<claim>.png and verdicts.png, and all as curves.pdf.
 
     A folder without a multiverse gets no figure.
 
@@ -66,15 +66,16 @@ def plot(results: Path) -> list[Path]:
     multiverse = read(results)
     names = judged(multiverse.effects)
     claims = [claim for claim in CLAIMS if claim.id in names]
+    if not claims:
+        return []
+    pdf = results / "figures" / "curves.pdf"
     written = []
-    with mpl.rc_context(style.context()):
+    with mpl.rc_context(style.context()), style.one_pdf(pdf):
+        written += style.save(_verdicts(multiverse, claims), results / "figures" / "verdicts")
         for claim in claims:
             stem = results / "figures" / f"specification_{claim.id}"
             written += style.save(_specification(multiverse, claim), stem)
-        if claims:
-            stem = results / "figures" / "verdicts"
-            written += style.save(_verdicts(multiverse, claims), stem)
-    return written
+    return [*written, *([pdf] if pdf.is_file() else [])]
 
 
 def _specification(multiverse: Multiverse, claim: Claim) -> Figure:

@@ -9,6 +9,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
+from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -20,6 +21,8 @@ COLUMN_WIDTH = 3.5
 
 DPI = 300
 """Pixels of a PNG for each inch."""
+METADATA: dict[str, Any] = {"CreationDate": None, "Creator": None, "Producer": None}
+"""Of a PDF: the same figure gives the same bytes."""
 
 LONGEST_LABEL = 18
 """Most characters of a label with which a legend has three columns."""
@@ -113,11 +116,39 @@ def written_by(writer: "Writer") -> Iterator[None]:
 def write_png_and_pdf(drawing: Figure, stem: Path) -> list[Path]:
     """Write `stem`.png and `stem`.pdf; the same figure gives the same bytes."""
     picture, pdf = stem.with_suffix(".png"), stem.with_suffix(".pdf")
+    _write(drawing, picture, pdf)
+    return [picture, pdf]
+
+
+@contextmanager
+def one_pdf(path: Path) -> Iterator[None]:
+    """Let figures that are saved in this context share a PDF, with a page for each.
+
+    It has the fonts once, so it is much smaller than a PDF for each figure. Each figure has its own
+    PNG. A function given to `written_by` writes as it does without this context.
+    """
+    if _WRITER.get() is not write_png_and_pdf:
+        yield
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with PdfPages(path, metadata=METADATA) as pages:
+
+        def write(drawing: Figure, stem: Path) -> list[Path]:
+            _write(drawing, stem.with_suffix(".png"), pages)
+            return [stem.with_suffix(".png")]
+
+        with written_by(write):
+            yield
+
+
+def _write(drawing: Figure, picture: Path, pdf: Path | PdfPages) -> None:
     png.save(drawing, picture, DPI, shaded=True)
     # The PDF has the layout of the PNG. To compute it twice would take half of the time.
     drawing.set_layout_engine("none")
-    drawing.savefig(pdf, metadata={"CreationDate": None, "Creator": None, "Producer": None})
-    return [picture, pdf]
+    if isinstance(pdf, PdfPages):
+        pdf.savefig(drawing)
+    else:
+        drawing.savefig(pdf, metadata=METADATA)
 
 
 Writer = Callable[[Figure, Path], list[Path]]

@@ -36,17 +36,18 @@ def figures(folder: Path) -> list[Path]:
 
 
 def test_a_figure_for_each_claim_with_effects_and_one_of_all(figures: list[Path]) -> None:
-    stems = [f"specification_{claim.id}" for claim in CLAIMS[:2]] + ["verdicts"]
-    assert [path.name for path in figures] == [f"{s}.{e}" for s in stems for e in ("png", "pdf")]
-    assert size_of(figures[0])[0] == pytest.approx(300 * WIDTH, abs=2)
+    pictures = ["verdicts.png", *(f"specification_{claim.id}.png" for claim in CLAIMS[:2])]
+    assert [path.name for path in figures] == [*pictures, "curves.pdf"]
+    assert figures[-1].read_bytes().count(b"/Type /Page ") == 3
+    assert size_of(figures[1])[0] == pytest.approx(300 * WIDTH, abs=2)
 
 
 def test_the_colours_of_the_verdicts_that_occur(folder: Path, figures: list[Path]) -> None:
     present = set(curve(read(folder).effects, FIRST.id)["verdict"])
     assert {"reproduced", "not reproduced"} <= present
     for verdict in present:
-        assert pixels_of(figures[0], specification_curve.COLOURS[verdict]) > 300
-        assert pixels_of(figures[-2], specification_curve.COLOURS[verdict]) > 2000
+        assert pixels_of(figures[1], specification_curve.COLOURS[verdict]) > 300
+        assert pixels_of(figures[0], specification_curve.COLOURS[verdict]) > 2000
 
 
 def test_dots_ascend_and_stand_above_their_values(folder: Path) -> None:
@@ -117,7 +118,7 @@ def test_infinite_intervals_and_effects_are_drawn(folder: Path, tmp_path: Path) 
     results.effects.loc[results.effects["decisive"], "high"] = np.inf
     results.effects.loc[results.effects.index[0], "effect"] = np.inf
     write(results, tmp_path)
-    assert len(specification_curve.plot(tmp_path)) == 6
+    assert len(specification_curve.plot(tmp_path)) == 4
 
 
 def test_the_folder_of_a_study_gets_no_figure(results: Path) -> None:
