@@ -14,6 +14,8 @@ from study.multiverse.design import Choice, Design, Exclusion, Universe
 FORMAT = 2
 FACTS = "multiverse.json"
 EFFECTS, CELLS, REPEATS = "effects.parquet", "cells.parquet", "repeats.parquet"
+FILES = (FACTS, EFFECTS, CELLS, REPEATS)
+"""All results. Pages, figures and the recording are made from them."""
 AGAIN = "run `python -m study.run multiverse` first, or name another folder"
 
 
@@ -97,7 +99,7 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
     for name, table in tables.items():
         with replacing(out / name) as temporary:
             table.to_parquet(temporary, index=False)
-    return [out / FACTS, *(out / name for name in tables)]
+    return [out / name for name in FILES]
 
 
 def read(folder: Path) -> Multiverse:

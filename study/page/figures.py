@@ -41,7 +41,7 @@ TABLES = (tables_1_2_brier, outcome_tables, score_tables, posteriors)
 SCRIPTS = [script for script in ALL_SCRIPTS if script not in TABLES]
 """The scripts that draw figures."""
 POINTS_PER_INCH = 72
-FILES = (SCORES, TRIALS, FITS, STUDY, multiverse.FACTS, multiverse.EFFECTS, multiverse.CELLS)
+FILES = (SCORES, TRIALS, FITS, STUDY, *multiverse.FILES)
 """The files of a results folder that the scripts read."""
 
 KINDS = {

@@ -11,7 +11,6 @@ from study.results import checksums, multiverse
 from study.results.verify import Check, check_files, check_recordings, compare_files
 
 REMEDY = "restore it, or write it again: python -m study.run multiverse"
-SOURCES = (folder.FACTS, folder.EFFECTS, folder.CELLS, folder.REPEATS)
 
 
 def is_multiverse(out: Path) -> bool:
@@ -33,7 +32,7 @@ def verify(out: Path, progress: Progress) -> Iterator[Check]:
     problems = checksums.problems(out, multiverse.present(out))
     yield from check_files(out, problems, REMEDY)
     yield check_recordings(out, REMEDY)
-    sources = [str(out / name) for name in (*SOURCES, checksums.NAME)]
+    sources = [str(out / name) for name in (*folder.FILES, checksums.NAME)]
     if damaged := [line for line in problems if any(name in line for name in sources)]:
         yield Check("figures", False, f"not made again, since a source is {damaged[0]}")
         return

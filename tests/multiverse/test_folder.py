@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.common.errors import BadInput, StudyError
-from study.multiverse.folder import CELLS, EFFECTS, FACTS, REPEATS, read, write
+from study.multiverse.folder import FACTS, FILES, read, write
 from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
 
@@ -45,10 +45,9 @@ def test_the_pages_of_what_was_read_are_those_of_what_was_written(written: Path)
 
 
 def test_the_same_results_give_the_same_bytes(written: Path, tmp_path: Path) -> None:
-    names = (FACTS, EFFECTS, CELLS, REPEATS)
-    before = [(written / name).read_bytes() for name in names]
+    before = [(written / name).read_bytes() for name in FILES]
     write(read(written), tmp_path / "copy")
-    assert [(tmp_path / "copy" / name).read_bytes() for name in names] == before
+    assert [(tmp_path / "copy" / name).read_bytes() for name in FILES] == before
 
 
 def test_a_folder_without_a_multiverse(tmp_path: Path) -> None:
@@ -63,7 +62,7 @@ def test_another_format(written: Path) -> None:
         read(written)
 
 
-@pytest.mark.parametrize("name", [FACTS, EFFECTS, CELLS, REPEATS])
+@pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file(written: Path, name: str) -> None:
     path = written / name
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
