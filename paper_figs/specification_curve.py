@@ -25,8 +25,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from paper_figs.command import command
-from study.claims.claim import Claim
+from study.claims.claim import Claim, Rule
 from study.claims.judge import CLAIMS, Outcome
+from study.common.arrays import Doubles
 from study.common.errors import BadInput
 from study.multiverse.design import Choice
 from study.multiverse.effects import curve, judged, shares
@@ -45,7 +46,7 @@ TITLE = 95
 OTHER = "#B0B0B0"
 """The colour of effects of contrasts that are not decisive."""
 SMALLEST: dict[str, Any] = {"color": "black", "linewidth": 0.6, "linestyle": (0, (1, 2))}
-"""The line of the smallest effect of interest."""
+"""The line of the smallest effect of interest, or of the margin of a claim of equivalence."""
 EMPTY = "#ECECEC"
 """The colour of the dots of values that a universe does not have."""
 MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not of a multiverse"
@@ -91,13 +92,14 @@ def _specification(multiverse: Multiverse, claim: Claim) -> Figure:
     above.set_title("\n".join(textwrap.wrap(claim.text, TITLE)), loc="left")
     above.set_xlim(-1, len(rows))
     below.set_xlabel(f"{len(rows)} universes, in the order of the effect")
-    handles = _legend(rows, shares(multiverse.effects, claim.id), len(others) > 0)
+    found = shares(multiverse.effects, claim.id)
+    handles = _legend(rows, claim, found, has_other_contrasts=len(others) > 0)
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
 def _legend(
-    rows: pd.DataFrame, found: dict[Outcome, float], has_other_contrasts: bool
+    rows: pd.DataFrame, claim: Claim, found: dict[Outcome, float], *, has_other_contrasts: bool
 ) -> list[Line2D]:
     """The verdicts with their counts and shares, and the other marks of the curve."""
     counts = rows["verdict"].value_counts()
@@ -109,7 +111,8 @@ def _legend(
         }
         for verdict, share in found.items()
     }
-    marks["smallest effect of interest"] = SMALLEST
+    is_equivalence = claim.rule is Rule.EQUAL
+    marks["margin" if is_equivalence else "smallest effect of interest"] = SMALLEST
     if has_other_contrasts:
         marks["other contrasts"] = {
             "color": OTHER,
@@ -132,7 +135,8 @@ def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Cla
     axes.axhline(0, color="black", linewidth=0.6)
     # The inverse hyperbolic sine: linear near 0, logarithmic far from it.
     axes.set_yscale("asinh", linear_width=claim.smallest_effect)
-    axes.axhline(claim.smallest_effect, **SMALLEST)
+    for threshold in _thresholds(rows, claim):
+        axes.plot(rows.index, threshold, **SMALLEST)
     low, high = _limits(rows, others, claim.smallest_effect)
     axes.plot(others["position"], others["effect"], "o", color=OTHER, markersize=1.4, zorder=1)
     for verdict, part in rows.groupby("verdict"):
@@ -144,16 +148,32 @@ def _plot_curve(axes: Axes, rows: pd.DataFrame, others: pd.DataFrame, claim: Cla
     axes.set_yticks(_ticks(low, high, claim.smallest_effect), minor=False)
     axes.set_yticks([], minor=True)
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_ylabel("effect (decisive contrast)")
+    axes.set_ylabel("effect of the decisive\ncontrast (asinh scale)")
     axes.grid(axis="x", visible=False)
     axes.tick_params(axis="x", length=0, labelbottom=False)
 
 
 def _ticks(low: float, high: float, linear: float) -> list[float]:
-    """0, and the powers of ten beyond the linear part of the scale."""
+    """0, and the powers of ten beyond the linear part; both ends of that part if there are none.
+
+    Args:
+        low: lower limit of the axis, in units of the effect.
+        high: upper limit.
+        linear: the effect up to which the scale is about linear.
+    """
     first = int(np.ceil(np.log10(2 * linear)))
     powers = [10.0**power for power in range(first, 8)]
-    return [0.0, *(x for y in powers for x in (-y, y) if low <= x <= high)]
+    found = [x for y in powers for x in (-y, y) if low <= x <= high]
+    return [0.0, *(found or [-linear, linear])]
+
+
+def _thresholds(rows: pd.DataFrame, claim: Claim) -> list[Doubles]:
+    """What the effect of each universe is compared with: see `study.claims.claim.Rule`."""
+    if claim.rule is Rule.EQUAL:
+        margin = rows["margin"].to_numpy(np.float64)
+        return [margin, -margin]
+    sign = -1.0 if claim.rule is Rule.NOT_BELOW else 1.0
+    return [np.full(len(rows), sign * claim.smallest_effect)]
 
 
 def _limits(rows: pd.DataFrame, others: pd.DataFrame, linear: float) -> tuple[float, float]:
@@ -162,7 +182,7 @@ def _limits(rows: pd.DataFrame, others: pd.DataFrame, linear: float) -> tuple[fl
     Args:
         rows: the curve.
         others: the effects of the other contrasts.
-        linear: up to where the scale is linear.
+        linear: the effect up to which the scale is about linear.
     """
     effects = np.arcsinh(np.concatenate([rows["effect"], others["effect"]]) / linear)
     effects = effects[np.isfinite(effects)]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from paper_figs.formatting import NOTHING
@@ -12,9 +13,10 @@ from paper_figs.pages.marks import pipe_table
 from study.common.files import read_json
 from study.config.names import MODELS, label
 from study.multiverse import folder
+from study.multiverse.choices import strongest_choice
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.report import strongest_choice
+from study.multiverse.report import KINDS, kinds_of
 
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
 ENVIRONMENTS = ("pusher", "uav")
@@ -53,13 +55,17 @@ def readings(claims: Claims, path: Path) -> str:
         _reading(results, claim, bases) for claim in of_the_paper(claims) if claim["id"] in names
     ]
     count = f"{len(results.scored)} of {len(results.universes)} readings have been run."
+    if len(results.scored) < len(results.universes):
+        planned, scored = kinds_of(results)
+        counts = [f"{scored[kind]} of {planned[kind]} {name}" for kind, name in KINDS.items()]
+        count = f"{count[:-1]} so far: {', '.join(counts)}. All shares are of these readings."
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
 
 
 def changes(path: Path, base: str = "study", level: str = "low") -> str:
     """MMD² of each model with one change of a base reading / MMD² without the change.
 
-    A dash stands where the change does not concern the model.
+    A dash stands where the change does not concern the model, and *failed* where there is no score.
 
     Args:
         path: the results folder of the multiverse. Without one, the table is a sentence.
@@ -83,9 +89,10 @@ def changes(path: Path, base: str = "study", level: str = "low") -> str:
 
 
 def _ratio(means: "pd.Series[float]", new: tuple[str, ...], old: tuple[str, ...]) -> str:
-    if new not in means.index or old not in means.index or means[new] == means[old]:
-        return NOTHING
-    return f"{means[new] / means[old]:.2f}"
+    ratio = means.get(new, np.nan) / means.get(old, np.nan)
+    if not np.isfinite(ratio):
+        return "failed"
+    return NOTHING if ratio == 1 else f"{ratio:.2f}"
 
 
 def _reading(results: Multiverse, claim: dict[str, Any], bases: list[str]) -> list[str]:

@@ -124,7 +124,7 @@ def check_settings(config: Config, design: Design) -> None:
     replaced unnoticed.
 
     Raises:
-        BadInput: a setting has another value, or a further seed is one of the study.
+        BadInput: a setting has another value.
     """
     shared = values_of(config)
     for choice in design.choices:
@@ -135,10 +135,6 @@ def check_settings(config: Config, design: Design) -> None:
                     f"its first value '{choice.default}' is {shown(value)}; change "
                     "multiverse.choices in the file of settings"
                 )
-    if both := sorted(set(design.further_seeds) & set(config.grid.seeds)):
-        raise BadInput(
-            f"multiverse.further_seeds: got {both[0]}, which is in grid.seeds; give other seeds"
-        )
 
 
 def config_of_universe(config: Config, design: Design, universe: Universe) -> Config:
@@ -158,4 +154,5 @@ def config_of_universe(config: Config, design: Design, universe: Universe) -> Co
         raise BadInput(f"multiverse: universe {universe.name}: {error}") from None
     if universe.kind != "base":
         return own
-    return replace(own, grid=replace(own.grid, seeds=(*own.grid.seeds, *design.further_seeds)))
+    seeds = tuple(dict.fromkeys((*own.grid.seeds, *design.further_seeds)))
+    return replace(own, grid=replace(own.grid, seeds=seeds))

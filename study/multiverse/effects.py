@@ -9,6 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from study.claims.claim import Rule
 from study.claims.judge import CLAIMS, Outcome, Verdict, judge
 
 COLUMNS = {
@@ -85,6 +86,22 @@ def curve(effects: pd.DataFrame, claim: str, contrast: str | None = None) -> pd.
     chosen = effects[(effects["claim"] == claim) & effects["effect"].notna()]
     chosen = chosen[chosen["decisive"] if contrast is None else chosen["contrast"] == contrast]
     return chosen.sort_values(["effect", "universe"], kind="stable").reset_index(drop=True)
+
+
+def support(rows: pd.DataFrame, rule: Rule) -> "pd.Series[float]":
+    """How far each universe supports a claim, by the name of the universe; more is better.
+
+    It is the effect. For a claim that two scores are comparable, it is the margin minus the
+    absolute effect.
+
+    Args:
+        rows: see `curve`.
+        rule: of the claim.
+    """
+    by_universe = rows.set_index("universe")
+    if rule is Rule.EQUAL:
+        return by_universe["margin"] - by_universe["effect"].abs()
+    return by_universe["effect"]
 
 
 def judged(effects: pd.DataFrame) -> list[str]:

@@ -23,6 +23,9 @@ from study.common.arrays import Doubles
 from study.metrics.intervals import PROBABILITY
 from study.multiverse.design import Choice, Values
 
+SIGNIFICANCE = 0.05
+TINY = 1e-12
+"""Smallest mean squared error of a regression of ranks, for one without error."""
 FULL_LEVERAGE = 1 - 1e-9
 """Leverage of a universe that alone determines a term. Its scatter is unknown."""
 
@@ -61,22 +64,32 @@ class Influence:
 
     Attributes:
         terms: in the order of the choices.
-        shares: share of the variance of the ranks between universes that is lost if a choice is
-            left out of the regression (semipartial R²), by choice.
-        explained: share of that variance that all choices explain (R²).
+        shares: share of the variance of the ranks that is lost if a choice is left out of the
+            regression, by choice: the semipartial R², corrected for what a choice without effect
+            explains by chance (ε² of Kelley 1935), and at least 0.
+        p_values: of the F test of a choice on the ranks, by choice.
+        explained: share of that variance that all choices explain (adjusted R²).
         universes: number of universes.
     """
 
     terms: tuple[Term, ...]
     shares: Mapping[str, float]
+    p_values: Mapping[str, float]
     explained: float
     universes: int
 
     @property
     def strongest(self) -> str | None:
-        """The choice with the largest share; None if no choice has any."""
+        """The choice with the largest share, if it is significant."""
         best = max(self.shares, key=self.shares.__getitem__, default=None)
-        return best if best is not None and self.shares[best] > 0 else None
+        return best if best is not None and self.is_significant(best) else None
+
+    def is_significant(self, choice: str) -> bool:
+        """Whether a choice has a share that is not due to chance, by its F test.
+
+        The level is `SIGNIFICANCE`, divided by the number of choices (Bonferroni).
+        """
+        return self.p_values[choice] < SIGNIFICANCE / len(self.shares)
 
 
 def influence(
@@ -90,24 +103,28 @@ def influence(
         choices: of the design. Those that do not vary between the universes are left out.
 
     Returns:
-        None if there are too few universes to tell the choices apart.
+        None if there are too few universes to tell the choices apart, or less than twice as many
+        as terms, since such a regression explains much by chance.
     """
     finite = effects[np.isfinite(effects)]
     readings = [values[str(name)] for name in finite.index]
     columns = _columns(readings, choices)
     design = np.column_stack([np.ones(len(finite)), *columns.values()])
     count, terms = design.shape
-    if count <= terms or np.linalg.matrix_rank(design) < terms:
+    if count < 2 * terms or np.linalg.matrix_rank(design) < terms:
         return None
     outcome: Doubles = np.asarray(finite.to_numpy(), np.float64)
     ranks: Doubles = np.asarray(finite.rank().to_numpy(), np.float64) / count
     total = float(((ranks - ranks.mean()) ** 2).sum())
-    whole = _residual(design, ranks)
-    shares = {}
+    error = _residual(design, ranks) / (count - terms)
+    shares, p_values = {}, {}
     for choice in dict.fromkeys(choice for choice, _ in columns):
         others = [column for (name, _), column in columns.items() if name != choice]
         without = _residual(np.column_stack([np.ones(count), *others]), ranks)
-        shares[choice] = (without - whole) / total if total else 0.0
+        gain, freedom = without - error * (count - terms), len(columns) - len(others)
+        shares[choice] = max(gain - freedom * error, 0.0) / total if total else 0.0
+        ratio = gain / freedom / max(error, TINY)
+        p_values[choice] = float(stats.f.sf(ratio, freedom, count - terms))
     of_effect, of_rank = _changes(design, outcome), _changes(design, ranks)
     found = [
         Term(choice, value, effect, rank, int(column.sum()))
@@ -115,7 +132,8 @@ def influence(
             columns.items(), of_effect, of_rank, strict=True
         )
     ]
-    return Influence(tuple(found), shares, 1 - whole / total if total else 0.0, count)
+    explained = max(1 - error * (count - 1) / total, 0.0) if total else 0.0
+    return Influence(tuple(found), shares, p_values, explained, count)
 
 
 def _changes(design: Doubles, outcome: Doubles) -> list[Change]:

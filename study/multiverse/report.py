@@ -10,48 +10,36 @@ from study.claims.claim import OURS, Claim
 from study.claims.judge import CLAIMS
 from study.config.names import ORACLE, label, markdown
 from study.metrics.intervals import basis, training_seeds
+from study.multiverse.choices import DASH, choices_page, claims_of, in_words, strongest_choice
 from study.multiverse.design import Choice, Universe
-from study.multiverse.effects import VERDICTS, curve, judged, shares
+from study.multiverse.effects import VERDICTS, curve, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.influence import Change, Influence, Term, influence
+from study.multiverse.influence import SIGNIFICANCE
 
-DASH = "–"
-CONTRASTS = 3
-"""A claim with up to as many contrasts has a table for each of them."""
+KINDS = {
+    "base": "base readings",
+    "one change": "with one change of a base reading",
+    "random": "with random values",
+}
+"""The kinds of universes in words."""
 
 
 def pages(multiverse: Multiverse) -> dict[str, str]:
     """The text of each page, by the name of its file."""
-    return {"README.md": _summary(multiverse), "choices.md": _choices_page(multiverse)}
+    return {"README.md": _summary(multiverse), "choices.md": choices_page(multiverse)}
 
 
-def influence_on(
-    multiverse: Multiverse, claim: str, contrast: str | None = None
-) -> Influence | None:
-    """The regression of an effect on the choices, see `curve` for the arguments."""
-    rows = curve(multiverse.effects, claim, contrast)
-    effects = rows.set_index("universe")["effect"]
-    return influence(effects, multiverse.values, multiverse.design.choices)
-
-
-def strongest_choice(multiverse: Multiverse, claim: str) -> str | None:
-    """The choice that moves the effect of a claim most, with its share of the variance.
-
-    None if no choice does, or if too few universes have scores to tell the choices apart.
-    """
-    regression = influence_on(multiverse, claim)
-    if regression is None or regression.strongest is None:
-        return None
-    return f"{_name(regression.strongest)} ({regression.shares[regression.strongest]:.0%})"
-
-
-def _claims(multiverse: Multiverse) -> list[Claim]:
-    names = judged(multiverse.effects)
-    return [claim for claim in CLAIMS if claim.id in names]
+def kinds_of(multiverse: Multiverse) -> tuple[Counter[str], Counter[str]]:
+    """The number of universes of each kind: in the design, and with scores."""
+    scored = set(multiverse.scored)
+    return (
+        Counter(universe.kind for universe in multiverse.universes),
+        Counter(u.kind for u in multiverse.universes if u.name in scored),
+    )
 
 
 def _summary(multiverse: Multiverse) -> str:
-    claims = _claims(multiverse)
+    claims = claims_of(multiverse)
     lines = [
         "# The claims in every reading of the paper",
         "",
@@ -84,14 +72,16 @@ def _summary(multiverse: Multiverse) -> str:
 
 
 def _counts(multiverse: Multiverse) -> str:
-    kinds = Counter(universe.kind for universe in multiverse.universes)
+    planned, scored = kinds_of(multiverse)
     found = multiverse.effects[multiverse.effects["effect"].notna()]
     seeds = set(found["seeds"])
+    counts = [f"{scored[kind]} of {planned[kind]} {name}" for kind, name in KINDS.items()]
     text = (
-        f"{len(multiverse.scored)} of {len(multiverse.universes)} universes have scores: the "
-        f"design has {kinds['base']} base readings, {kinds['one change']} with one change of a "
-        f"base reading, and {kinds['random']} with random values."
+        f"{len(multiverse.scored)} of {len(multiverse.universes)} universes have scores: "
+        f"{', '.join(counts[:-1])} and {counts[-1]}."
     )
+    if scored != planned:
+        text += " **The design is not complete: all shares are of these universes.**"
     return f"{text} {training_seeds(seeds)}; {basis(seeds)}." if seeds else text
 
 
@@ -117,8 +107,9 @@ def _verdict_tables(multiverse: Multiverse, claims: Sequence[Claim]) -> Iterator
         "- **effect**: of the decisive contrast, the one with the smallest effect: the median over "
         "the universes, and the range.",
         "- **strongest choice**: the choice without which a regression of the effect's rank on all "
-        "choices explains least, and the share of the variance between universes that is lost: see "
-        "[choices.md](choices.md).",
+        "choices explains least, and the share of the variance of the ranks that is lost, "
+        "corrected for chance: see [choices.md](choices.md). There is a dash if no share is "
+        f"significant (F test at the level {SIGNIFICANCE}, Bonferroni correction for the choices).",
         "",
     )
 
@@ -138,12 +129,12 @@ def _verdict_row(multiverse: Multiverse, claim: Claim) -> str:
 
 def _choice_table(multiverse: Multiverse) -> Iterator[str]:
     bases = list(multiverse.design.bases)
-    yield f"| choice | question | values | {' | '.join(_name(base) for base in bases)} |"
+    yield f"| choice | question | values | {' | '.join(in_words(base) for base in bases)} |"
     yield f"|---|---|---|{'---|' * len(bases)}"
     for choice in multiverse.design.choices:
         chosen = [markdown(multiverse.design.bases[base][choice.name]) for base in bases]
         values = "; ".join(_value(choice, value) for value in choice.values)
-        entries = [_name(choice.name), markdown(choice.question), values, *chosen]
+        entries = [in_words(choice.name), markdown(choice.question), values, *chosen]
         yield f"| {' | '.join(entries)} |"
 
 
@@ -156,7 +147,7 @@ def _exclusions(multiverse: Multiverse) -> Iterator[str]:
     if multiverse.design.exclusions:
         yield from ("Excluded combinations:", "")
         for rule in multiverse.design.exclusions:
-            combination = ", ".join(f"{_name(name)}: {v}" for name, v in rule.values.items())
+            combination = ", ".join(f"{in_words(name)}: {v}" for name, v in rule.values.items())
             yield f"- {markdown(combination)}. {markdown(rule.reason)}"
         yield ""
 
@@ -177,11 +168,11 @@ def _universe_table(multiverse: Multiverse) -> Iterator[str]:
         reproduced = f"{(own['verdict'] == 'reproduced').sum()} of {len(own)}" if len(own) else DASH
         entries = [f"`{universe.name}`", *mmd2, reproduced, _differences(multiverse, universe)]
         yield f"| {' | '.join(entries)} |"
+    reference = in_words(next(iter(multiverse.design.bases)))
     yield from (
         "",
         "MMD² is the mean over the environments, levels and seeds of the universe. The last column "
-        f"has the values that differ from the reading *{_name(next(iter(multiverse.design.bases)))}"
-        "*.",
+        f"has the values that differ from the reading *{reference}*.",
     )
 
 
@@ -192,30 +183,30 @@ def _repeats(multiverse: Multiverse) -> Iterator[str]:
     yield from (
         "## Variation of training",
         "",
-        "The base readings are trained with further seeds too. No verdict takes these fits into "
-        "account. They show which differences between universes are due to chance. Each entry "
-        "has the mean MMD² of one seed after the other, from seed "
-        f"{multiverse.cells['seed'].min()} on.",
+        "The MMD² of the base readings with further training seeds. No verdict takes these fits "
+        "into account. A difference between universes of the size of the differences between "
+        "seeds may be due to chance.",
         "",
     )
     cells = pd.concat([multiverse.cells, multiverse.repeats], ignore_index=True)
     cells = cells[cells["universe"].isin(multiverse.repeats["universe"])]
     models = [name for name in dict.fromkeys(cells["model"]) if name != ORACLE]
-    yield f"| universe | environment | level | {' | '.join(label(m) for m in models)} |"
-    yield f"|---|---|---|{'---:|' * len(models)}"
+    yield f"| universe | environment | level | seed | {' | '.join(label(m) for m in models)} |"
+    yield f"|---|---|---|---:|{'---:|' * len(models)}"
     for place, part in cells.groupby(["universe", "environment", "level"], sort=False):
-        found = [part[part["model"] == model].sort_values("seed")["mmd2"] for model in models]
-        values = [", ".join(_number(float(value)) for value in row) or DASH for row in found]
         universe, environment, level = map(str, place)
-        entries = [f"`{universe}`", label(environment), label(level), *values]
-        yield f"| {' | '.join(entries)} |"
+        for seed, row in part.groupby("seed"):
+            scores = row.set_index("model")["mmd2"]
+            values = [_number(scores.get(model)) for model in models]
+            entries = [f"`{universe}`", label(environment), label(level), str(seed), *values]
+            yield f"| {' | '.join(entries)} |"
     yield ""
 
 
 def _differences(multiverse: Multiverse, universe: Universe) -> str:
     reference = next(iter(multiverse.design.bases.values()))
     changes = [
-        f"{_name(name)}: {value}"
+        f"{in_words(name)}: {value}"
         for name, value in universe.values.items()
         if value != reference[name]
     ]
@@ -233,95 +224,5 @@ def _failures(multiverse: Multiverse) -> Iterator[str]:
         yield f"| {' | '.join(entries)} |"
 
 
-def _choices_page(multiverse: Multiverse) -> str:
-    lines = [
-        "# Which choice moves the effect of each claim",
-        "",
-        "For each value of a choice: the mean change of the effect relative to the first "
-        "value of the choice, by a linear regression over all universes without interactions, with "
-        "a 95 % t interval (HC3). A change in bold has an interval without zero. *Rank*: the same "
-        "for the rank of the effect among the universes, in percent of their number. A universe in "
-        "which a model diverges has a large effect, but a rank like any other. *Share*: of the "
-        "variance of the ranks, what is lost without the choice. The columns of the base readings "
-        "show the change of the effect when that reading is changed in this choice alone. If they "
-        "differ from each other, the choice interacts with others.",
-        "",
-        "The first table of a claim is about its decisive contrast, the one with the smallest "
-        "effect in a universe. It may be another contrast in another universe, so a claim of two "
-        "or three contrasts has a table for each of them too.",
-        "",
-    ]
-    for claim in _claims(multiverse):
-        lines += [f"## {claim.text}", "", f"`{claim.id}`, {claim.rule.value}.", ""]
-        lines += [*_influence_table(multiverse, claim), ""]
-        contrasts = [contrast.text for contrast in claim.contrasts]
-        if 1 < len(contrasts) <= CONTRASTS:
-            for contrast in contrasts:
-                table = _influence_table(multiverse, claim, contrast)
-                lines += [f"### {_sentence(contrast)}", "", *table, ""]
-    return "\n".join(lines)
-
-
-def _influence_table(
-    multiverse: Multiverse, claim: Claim, contrast: str | None = None
-) -> Iterator[str]:
-    regression = influence_on(multiverse, claim.id, contrast)
-    if regression is None:
-        yield "Too few universes have scores to tell the choices apart."
-        return
-    rows = curve(multiverse.effects, claim.id, contrast)
-    effects = rows.set_index("universe")["effect"]
-    bases = list(multiverse.design.bases)
-    yield (
-        f"{regression.universes} universes. The choices explain {regression.explained:.0%} of the "
-        "variance of the ranks."
-    )
-    yield ""
-    heads = ["choice", "value", "universes", "change of the effect", "rank", "share"]
-    yield f"| {' | '.join([*heads, *(f'at {_name(base)}' for base in bases)])} |"
-    yield f"|---|---|---:|---:|---:|---:|{'---:|' * len(bases)}"
-    order = sorted(regression.shares, key=regression.shares.__getitem__, reverse=True)
-    for name in order:
-        terms = [term for term in regression.terms if term.choice == name]
-        for term in terms:
-            at_bases = [_at_base(multiverse, effects, base, term) for base in bases]
-            share = f"{regression.shares[name]:.0%}" if term is terms[0] else ""
-            changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
-            entries = [_name(name), markdown(term.value), str(term.universes), *changes, share]
-            yield f"| {' | '.join([*entries, *at_bases])} |"
-
-
-def _change(change: Change, form: str) -> str:
-    mean, low, high = (form.format(value) for value in (change.mean, change.low, change.high))
-    if not np.isfinite(change.low):
-        return f"{mean} [unknown]"
-    text = f"{mean} [{low}, {high}]"
-    return f"**{text}**" if change.low > 0 or change.high < 0 else text
-
-
-def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, term: Term) -> str:
-    """The effect with this value minus that with the first value, all other values as in a base."""
-    design = multiverse.design
-    choice = next(c for c in design.choices if c.name == term.choice)
-    by_key = {design.key(universe.values): universe.name for universe in multiverse.universes}
-    names = [
-        by_key.get(design.key({**design.bases[base], choice.name: value}))
-        for value in (term.value, choice.default)
-    ]
-    if any(name not in effects.index for name in names):
-        return DASH
-    changed, reference = (float(effects.loc[str(name)]) for name in names)
-    return f"{changed - reference:+.4f}"
-
-
 def _number(value: float | None) -> str:
     return DASH if value is None or not np.isfinite(value) else f"{value:.3f}"
-
-
-def _sentence(text: str) -> str:
-    """Text with a capital letter, without changing the other letters."""
-    return text[:1].upper() + text[1:]
-
-
-def _name(name: str) -> str:
-    return name.replace("_", " ")

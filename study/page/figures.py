@@ -88,8 +88,8 @@ KINDS = {
     "specification": (
         "Specification curve",
         "The effect of a claim in each universe of the multiverse with its 95 % interval, in "
-        "ascending order, in the colour of the verdict. Dots below show which value of each choice "
-        "a universe has.",
+        "ascending order, in the colour of the verdict, on a scale that is linear near zero and "
+        "logarithmic elsewhere. Dots below show which value of each choice a universe has.",
     ),
     "verdicts": (
         "Verdicts in all universes",

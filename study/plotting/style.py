@@ -13,6 +13,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from study.common.files import replacing
 from study.plotting import lines, png
 from study.plotting.palette import Colour, model_colours
 
@@ -130,8 +131,7 @@ def one_pdf(path: Path) -> Iterator[None]:
     if _WRITER.get() is not write_png_and_pdf:
         yield
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with PdfPages(path, metadata=METADATA) as pages:
+    with replacing(path) as temporary, PdfPages(temporary, metadata=METADATA) as pages:
 
         def write(drawing: Figure, stem: Path) -> list[Path]:
             _write(drawing, stem.with_suffix(".png"), pages)

@@ -49,7 +49,7 @@ values, verdicts and scores. The arrow keys go to the next one.
 
 - The plots of claims have a dot for the decisive effect in each universe, in the colour of the
   verdict. The grey lines are the ends of its 95 % interval. Effects of models that diverge may be
-  outside: scroll with the pointer on the axis to zoom out.
+  outside the plot: zoom out to see them.
 - The plot *Choices* has a dot for each value that a universe has. The panel *Rows* has their names.
 
 The universes are in the order of the effect of this claim: *{first}*
@@ -222,8 +222,8 @@ def _tabs(claims: Sequence[Claim]) -> dict[str, list[Claim]]:
 def span_of(effects: "pd.Series[float]") -> Range:
     """The range of a plot: 0, and most effects of a claim.
 
-    A model that diverges has an effect that is many times the others. It would hide them, so the
-    range is that of the central 80 % of the effects, and twice as wide.
+    A model that diverges has an effect that is many times the others, and would hide them. So the
+    range is that of 0 and the central 80 % of the effects, made twice as wide.
     """
     found = effects[np.isfinite(effects)]
     low, high = np.quantile(found, [0.1, 0.9]) if len(found) else (0.0, 0.0)

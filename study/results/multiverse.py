@@ -42,8 +42,9 @@ COLUMNS = ("universe", *CELL, *METRICS, *DIAGNOSTICS)
 RECORDING = Path("recordings") / "multiverse.rrd"
 STATE = Path("work") / "published.json"
 """Holds a digest of all that the results folder was written from."""
-FILES = ("[!.]*.json", "*.md", "*.parquet", "figures/*", "recordings/*")
-"""The files with checksums."""
+PAGES = ("README.md", "choices.md")
+FILES = (*folder.FILES, *PAGES, "figures/*", "recordings/*")
+"""The files with checksums. Other files, such as notes, have none."""
 
 Tasks = Mapping[str, Mapping[Cell, Task]]
 """The task `evaluate` of every cell, by universe."""
@@ -65,9 +66,10 @@ def collect(
         store: the folders of the tasks.
     """
     scores = _Scores(store)
+    further_seeds = set(design.further_seeds) - set(config.grid.seeds)
     effects, rows, repeats, failures = [], [], [], []
     for universe in universes:
-        judged, further = _by_seed(tasks[universe.name], design.further_seeds)
+        judged, further = _by_seed(tasks[universe.name], further_seeds)
         complete = {cell: task for cell, task in judged.items() if scores.has(task)}
         failed = list(_failures(universe.name, judged, scores, store))
         failures += [*failed, *_failures(universe.name, further, scores, store)]
@@ -133,7 +135,7 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
 
 
 def write_pages(multiverse: Multiverse, out: Path) -> None:
-    """Write ``README.md`` and ``choices.md``."""
+    """Write the pages `PAGES`."""
     for name, text in report.pages(multiverse).items():
         write_text(out / name, text)
 

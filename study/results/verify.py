@@ -11,7 +11,7 @@ import re
 import shutil
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +72,15 @@ def verify(results: Results, rerun: Cell | None, progress: Progress) -> Iterator
         yield check_scores(results, rerun, progress.part(0.4, 1.0))
     if changed := results.origin.changed_source([rerun] if rerun else results.complete):
         yield Check("source", True, changed)
+    yield from check_versions(results.origin.versions)
+
+
+def check_versions(made_with: Mapping[str, str]) -> Iterator[Check]:
+    """Name the packages of which another version is installed."""
     installed = versions()
     different = [
         f"{name} {version} (installed: {installed.get(name)})"
-        for name, version in results.origin.versions.items()
+        for name, version in made_with.items()
         if installed.get(name) != version
     ]
     if different:
@@ -154,7 +159,7 @@ def compare_files(
     name: str,
     out: Path,
     repeated: Path,
-    pattern: str,
+    *patterns: str,
     source: str = "the scores",
     remedy: str = REMEDY,
 ) -> Check:
@@ -164,12 +169,12 @@ def compare_files(
         name: subject of the check.
         out: the results folder.
         repeated: a folder with the same files, written again.
-        pattern: of the files.
+        patterns: of the files.
         source: from what they were written again.
         remedy: what to do if they differ.
     """
     published, expected = (
-        {path.relative_to(folder).as_posix() for path in folder.glob(pattern)}
+        {path.relative_to(folder).as_posix() for each in patterns for path in folder.glob(each)}
         for folder in (out, repeated)
     )
     if published != expected:

@@ -8,14 +8,15 @@ from paper_figs import specification_curve
 from study.common.progress import Progress
 from study.multiverse import folder
 from study.results import checksums, multiverse
-from study.results.verify import Check, check_files, check_recordings, compare_files
+from study.results.folder import STUDY
+from study.results.verify import Check, check_files, check_recordings, check_versions, compare_files
 
 REMEDY = "restore it, or write it again: python -m study.run multiverse"
 
 
 def is_multiverse(out: Path) -> bool:
-    """Whether a folder has the results of a multiverse."""
-    return (out / folder.FACTS).is_file()
+    """Whether a folder has the results of a multiverse, and none of a study."""
+    return not (out / STUDY).is_file() and any((out / name).is_file() for name in folder.FILES)
 
 
 def verify(out: Path, progress: Progress) -> Iterator[Check]:
@@ -42,8 +43,10 @@ def verify(out: Path, progress: Progress) -> Iterator[Check]:
         folder.write(results, repeated)
         progress(0.1, "tables")
         multiverse.write_pages(results, repeated)
-        yield compare_files("tables", out, repeated, "*.md", "the effects", REMEDY)
+        origin = {"source": "the effects", "remedy": REMEDY}
+        yield compare_files("tables", out, repeated, *multiverse.PAGES, **origin)
         progress(0.2, "figures")
         specification_curve.plot(repeated)
         progress(1.0, "figures")
-        yield compare_files("figures", out, repeated, "figures/*", "the effects", REMEDY)
+        yield compare_files("figures", out, repeated, "figures/*", **origin)
+    yield from check_versions(results.facts["versions"])

@@ -15,7 +15,7 @@ from study.commands.view import find_recording
 from study.common.errors import StudyError
 from study.common.files import read_checksums, read_json, sha256
 from study.multiverse.effects import effects_of
-from study.multiverse.folder import read
+from study.multiverse.folder import FILES, read
 from study.recording.integrity import check
 from study.stages import train
 from tests.helpers.running import Done, files, study
@@ -109,7 +109,7 @@ def test_the_files(ran: tuple[Path, Done]) -> None:
     out, done = ran
     sums = read_checksums(out / "SHA256SUMS")
     assert all(sha256(out / name) == value for name, value in sums.items())
-    names = {"README.md", "choices.md", "multiverse.json", "effects.parquet", "cells.parquet"}
+    names = {"README.md", "choices.md", *FILES, "figures/curves.pdf", "figures/verdicts.png"}
     assert names < set(sums)
     claim = "mmd-residual-lowest-pusher-low"
     assert f"figures/specification_{claim}.png" in sums
@@ -158,6 +158,7 @@ def test_a_damaged_page_is_written_again(copied: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_it_is_verified(copied: Path) -> None:
+    (copied / "notes.md").write_text("of a reader")
     done = study("verify", copied)
     assert done.code == 0, done
     checks = [line.split()[:2] for line in done.out.splitlines()]
@@ -175,7 +176,11 @@ def test_it_is_verified(copied: Path) -> None:
         f"DIFFERS  figures    not made again, since a source is damaged: {copied}/effects.parquet"
     )
     assert done.out.splitlines()[-1] == last
-    assert "--rerun" in study("verify", copied, "--rerun", "pusher").err
+    (copied / "multiverse.json").unlink()
+    done = study("verify", copied)
+    assert done.code == 1
+    assert f"missing: {copied / 'multiverse.json'}" in done.out
+    assert "is a multiverse" in study("verify", copied, "--rerun", "pusher").err
 
 
 @pytest.mark.slow
@@ -213,6 +218,8 @@ def test_a_further_value_runs_what_is_new_alone(copied: Path, tmp_path: Path) ->
 def test_further_seeds_of_the_base_readings_change_no_verdict(copied: Path, tmp_path: Path) -> None:
     before, old = folders(copied), read(copied)
     path = written_design(tmp_path, further_seeds=[1])
+    plan = study("multiverse", "plan", "--config", path, "--out", copied, "--grid.seeds=[0, 1]")
+    assert plan.code == 0  # a further seed may be one of the study
     assert study("multiverse", "--config", path, "--out", copied).code == 0
     # Two readings of the two VAEs, the MLP that both have, and the oracle and the ensemble alone.
     # The data do not depend on the training seed.

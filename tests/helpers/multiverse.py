@@ -40,12 +40,19 @@ PART: dict[str, Any] = {
                 "one": {"tune.beta_low": 1.0, "tune.beta_high": 1.0},
             },
         },
+        "features": {
+            "question": "Do the networks have a product stem?",
+            "values": {
+                "product": {"network.features": "product"},
+                "none": {"network.features": "none"},
+            },
+        },
     },
     "exclude": [
         {"values": {"forecast": "mean", "beta": "high"}, "reason": "no forecast would have noise"}
     ],
 }
-"""The part `multiverse` of a file of settings: three choices, of which one has three values."""
+"""The part `multiverse` of a file of settings: four choices, of which one has three values."""
 
 ADDED: Mapping[tuple[str, str], float] = {
     ("forecast", "mean"): 0.08,

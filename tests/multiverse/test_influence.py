@@ -3,11 +3,16 @@
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 from sklearn.linear_model import LinearRegression
 
+from study.claims.claim import Rule
+from study.commands.settings import CONFIGS, read_part
 from study.common.arrays import Doubles
+from study.multiverse.choices import influence_on
+from study.multiverse.effects import support
 from study.multiverse.influence import Influence, fit, influence
-from study.multiverse.report import influence_on
+from study.multiverse.read import PART, design_from
 from study.multiverse.universes import universes
 from tests.helpers.multiverse import ADDED, SCATTER, design, multiverse
 
@@ -27,7 +32,8 @@ def test_the_terms_are_what_the_values_add() -> None:
         effect = term.effect
         assert effect.mean == pytest.approx(ADDED.get((term.choice, term.value), 0.0), abs=0.005)
         assert effect.low < effect.mean < effect.high < effect.mean + 6 * SCATTER
-    assert [term.choice for term in found.terms] == ["forecast", "target", "beta", "beta"]
+    choices = ["forecast", "target", "beta", "beta", "features"]
+    assert [term.choice for term in found.terms] == choices
 
 
 def test_the_shares_are_in_the_order_of_the_changes() -> None:
@@ -67,6 +73,67 @@ def test_the_changes_of_ranks_are_shares_of_the_universes() -> None:
     assert term.rank.mean == pytest.approx(0.5)
     assert found.explained == pytest.approx(1.0)
     assert found.shares == {"target": pytest.approx(1.0)}
+
+
+def test_effects_of_chance_have_no_strongest_choice() -> None:
+    """Of the committed design: some share is the largest, but rarely significant."""
+    planned = design_from(read_part(str(CONFIGS / "multiverse.yaml"), PART))
+    values = {universe.name: universe.values for universe in universes(planned)}
+    generator = np.random.default_rng(4)
+    found: list[str | None] = []
+    shares: list[float] = []
+    for _ in range(60):
+        effects = pd.Series(generator.standard_t(2, len(values)), index=list(values))
+        regression = influence(effects, values, planned.choices)
+        assert regression is not None
+        found.append(regression.strongest)
+        shares += regression.shares.values()
+    assert found.count(None) >= 51  # the level is 5 %
+    assert np.mean(shares) < 0.02
+
+
+def test_a_share_is_the_part_of_the_variance_that_is_lost() -> None:
+    """Two choices without correlation, and many universes: ε² is the true share."""
+    planned = design(exclude=[])
+    generator = np.random.default_rng(6)
+    one, two = (c for c in planned.choices if c.name in ("forecast", "target"))
+    values = {
+        f"u{number}": {"forecast": forecast, "target": target}
+        for number, (forecast, target) in enumerate(
+            [(a, b) for a in one.values for b in two.values] * 500
+        )
+    }
+    scatter = generator.normal(size=len(values))
+    effects = pd.Series(
+        [
+            (v["forecast"] == "mean") + 0.5 * (v["target"] == "state") + 0.5 * noise
+            for v, noise in zip(values.values(), scatter, strict=True)
+        ],
+        index=list(values),
+    )
+    found = influence(effects, values, [one, two])
+    assert found is not None
+    # Variances of the effects: 1/4, 1/16 and 1/4. Those of ranks differ a little.
+    assert found.shares["forecast"] == pytest.approx(4 / 9, abs=0.05)
+    assert found.shares["target"] == pytest.approx(1 / 9, abs=0.05)
+    assert found.explained == pytest.approx(5 / 9, abs=0.05)
+    assert found.is_significant("forecast")
+    assert found.is_significant("target")
+
+
+def test_the_p_values_are_those_of_the_f_test() -> None:
+    """Of one choice with two values: that of the t test of two groups of ranks."""
+    planned = design(random=24)
+    values = {universe.name: universe.values for universe in universes(planned)}
+    (choice,) = [c for c in planned.choices if c.name == "target"]
+    generator = np.random.default_rng(8)
+    effects = pd.Series(generator.normal(size=len(values)), index=list(values))
+    found = influence(effects, values, [choice])
+    assert found is not None
+    with_state = np.array([v["target"] == "state" for v in values.values()])
+    ranks = effects.rank().to_numpy()
+    expected = scipy.stats.ttest_ind(ranks[with_state], ranks[~with_state]).pvalue
+    assert found.p_values["target"] == pytest.approx(expected)
 
 
 def random_design(generator: np.random.Generator, count: int, terms: int) -> Doubles:
@@ -117,6 +184,14 @@ def test_a_value_of_a_single_universe_has_no_interval() -> None:
     assert coefficients[2] == pytest.approx(5.0)
 
 
+def test_the_support_for_a_claim_of_equivalence_is_the_distance_to_its_margin() -> None:
+    rows = pd.DataFrame(
+        {"universe": ["a", "b", "c"], "effect": [-0.03, 0.01, 0.03], "margin": [0.02, 0.02, 0.05]}
+    )
+    assert support(rows, Rule.EQUAL).to_dict() == pytest.approx({"a": -0.01, "b": 0.01, "c": 0.02})
+    assert support(rows, Rule.ABOVE).to_dict() == {"a": -0.03, "b": 0.01, "c": 0.03}
+
+
 def test_too_few_universes_have_no_regression() -> None:
     planned = design(random=0)
     values = {universe.name: universe.values for universe in universes(planned)}
@@ -135,7 +210,7 @@ def test_effects_that_are_not_finite_are_left_out() -> None:
 
 
 def test_a_choice_that_does_not_vary_is_left_out() -> None:
-    planned = design(random=24)
+    planned = design(random=48, exclude=[])
     every = [u for u in universes(planned) if u.values["target"] == "change"]
     values = {universe.name: universe.values for universe in every}
     effects = pd.Series(np.arange(len(values), dtype=float), index=list(values))

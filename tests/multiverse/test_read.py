@@ -13,7 +13,8 @@ from tests.helpers.multiverse import PART, design
 
 
 def test_a_base_reading_has_the_first_value_of_every_choice_that_it_does_not_name() -> None:
-    assert design().bases["study"] == {"forecast": "sample", "target": "change", "beta": "high"}
+    first = {"forecast": "sample", "target": "change", "beta": "high", "features": "product"}
+    assert design().bases["study"] == first
     assert design().bases["as_written"]["beta"] == "low"
 
 
@@ -24,6 +25,7 @@ def test_the_settings_of_a_reading() -> None:
         "vae.target": "state",
         "tune.beta_low": 0.001,
         "tune.beta_high": 1.0,
+        "network.features": "product",
     }
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from study.claims.judge import CLAIMS
+from study.multiverse.choices import influence_on
 from study.multiverse.effects import curve, join
-from study.multiverse.report import influence_on, pages
+from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
 
 BIG = {"random": 24}
@@ -42,9 +43,8 @@ def test_the_table_of_what_a_value_changes() -> None:
     assert universes == str(term.universes)
     of_effect, of_rank = term.effect, term.rank
     assert change == f"**{of_effect.mean:+.4f} [{of_effect.low:+.4f}, {of_effect.high:+.4f}]**"
-    assert of_rank.low < 0 < of_rank.high  # so it is not in bold
-    assert rank == f"{of_rank.mean:+.0%} [{of_rank.low:+.0%}, {of_rank.high:+.0%}]"
-    assert share == f"{found.shares['target']:.0%}"
+    assert rank == f"**{of_rank.mean:+.0%} [{of_rank.low:+.0%}, {of_rank.high:+.0%}]**"
+    assert share == f"**{found.shares['target']:.0%}**"
     effects = curve(results.effects, CLAIMS[0].id).set_index("universe")["effect"]
     assert study == f"{effects['study/target=state'] - effects['study']:+.4f}"
     # The base reading has the value, and the universe that is changed has the first value.
@@ -90,10 +90,22 @@ def test_too_few_universes_for_a_regression(count: int) -> None:
     assert "Too few universes" in pages(few)["choices.md"]
 
 
-def test_the_scores_of_further_seeds_stand_beside_those_of_the_first() -> None:
+def test_the_scores_of_further_seeds_stand_below_those_of_the_first() -> None:
     page = pages(multiverse())["README.md"]
-    ((_, environment, level, *values),) = rows_of(page.split("## Variation of training")[1], "| `s")
-    assert (environment, level) == ("Pusher", "low epistemic")
-    assert values == ["0.100, 0.123"] * 2
+    rows = rows_of(page.split("## Variation of training")[1], "| `study`")
+    place = ["`study`", "Pusher", "low epistemic"]
+    assert rows == [[*place, "0", "0.100", "0.100"], [*place, "1", "0.123", "0.123"]]
     without = replace(multiverse(), repeats=multiverse().repeats.iloc[:0])
     assert "Variation of training" not in pages(without)["README.md"]
+
+
+def test_a_design_that_is_not_complete_says_so() -> None:
+    results = multiverse(**BIG)
+    assert "0 of 24" not in pages(results)["README.md"]
+    bases = results.effects["universe"].isin(results.design.bases)
+    cells = results.cells["universe"].isin(results.design.bases)
+    part = replace(results, effects=results.effects[bases], cells=results.cells[cells])
+    page = pages(part)["README.md"]
+    assert "2 of 2 base readings, 0 of 8 with one change of a base reading and 0 of " in page
+    assert "The design is not complete" in page
+    assert "Too few universes have scores" in pages(part)["choices.md"]

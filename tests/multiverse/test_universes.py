@@ -50,9 +50,11 @@ def test_the_universes_around_the_base_readings() -> None:
         "study/target=state",
         "study/beta=low",
         "study/beta=one",
+        "study/features=none",
         "as_written/forecast=sample",
         "as_written/target=change",
         "as_written/beta=one",
+        "as_written/features=none",
     ]
     bases = design().bases
     for universe in around:
@@ -178,8 +180,10 @@ def test_only_base_readings_have_the_further_seeds() -> None:
         for universe in universes(planned)
     }
     assert seeds == {"base": (0, 1), "one change": (0,), "random": (0,)}
-    with pytest.raises(BadInput, match=r"further_seeds: got 1, which is in grid.seeds"):
-        check_settings(configuration("--grid.seeds=[0, 1]"), planned)
+    config = configuration("--grid.seeds=[0, 1]")
+    assert {
+        config_of_universe(config, planned, universe).grid.seeds for universe in universes(planned)
+    } == {(0, 1)}
 
 
 def test_a_universe_with_settings_that_do_not_go_together_is_named() -> None:

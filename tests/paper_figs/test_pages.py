@@ -174,7 +174,7 @@ def test_the_changes_are_relative_to_the_base_reading(tmp_path: Path) -> None:
     table = _cells(multiverse_tables.changes(tmp_path))
     assert table["target: state", "residual VAE, Pusher"] == "1.50"
     assert table["target: state", "probabilistic MLP, Pusher"] == "—"  # the same number
-    assert table["target: state", "full VAE, Pusher"] == "—"  # there is none
+    assert table["target: state", "full VAE, Pusher"] == "failed"  # there is none
     singles = {u.name for u in results.universes if u.base == "study" and u.changed}
     assert len({row for row, _ in table}) == len(singles & set(results.scored))
 

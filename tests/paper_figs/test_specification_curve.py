@@ -9,6 +9,7 @@ import pytest
 from matplotlib.text import Text
 
 from paper_figs import specification_curve
+from study.claims.claim import Rule
 from study.claims.judge import CLAIMS
 from study.multiverse.effects import curve
 from study.multiverse.folder import EFFECTS, read, write
@@ -123,3 +124,22 @@ def test_infinite_intervals_and_effects_are_drawn(folder: Path, tmp_path: Path) 
 
 def test_the_folder_of_a_study_gets_no_figure(results: Path) -> None:
     assert specification_curve.plot(results) == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [(Rule.ABOVE, [0.002]), (Rule.NOT_BELOW, [-0.002]), (Rule.EQUAL, [-0.007, 0.007])],
+)
+def test_the_thresholds_are_those_of_the_rule(
+    rule: Rule, expected: list[float], folder: Path
+) -> None:
+    results = read(folder)
+    rows = curve(results.effects.assign(margin=0.007), FIRST.id)
+    assert FIRST.smallest_effect == 0.002
+    found = specification_curve._thresholds(rows, replace(FIRST, rule=rule))
+    assert sorted({float(value) for line in found for value in line}) == expected
+
+
+def test_small_effects_have_ticks_too() -> None:
+    assert specification_curve._ticks(-0.006, 0.008, 0.002) == [0.0, -0.002, 0.002]
+    assert specification_curve._ticks(-0.02, 0.2, 0.002) == [0.0, -0.01, 0.01, 0.1]
