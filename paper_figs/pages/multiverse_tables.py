@@ -1,6 +1,7 @@
 """The tables of the multiverse: every claim in every reading, and the effect of each choice."""
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,20 @@ import pandas as pd
 from paper_figs.formatting import NOTHING
 from paper_figs.pages.claim_tables import Claims, of_the_paper
 from paper_figs.pages.marks import pipe_table
+from study.claims.judge import Status
 from study.common.files import read_json
-from study.config.names import MODELS, label
+from study.config.names import FULL, MLP, MODELS, RESIDUAL, label
 from study.multiverse import folder
 from study.multiverse.choices import strongest_choice
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.multiverse.report import KINDS, kinds_of
 
+ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
+"""The claims on the order of the models, by the metric."""
+RANDOM = "random values"
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
-ENVIRONMENTS = ("pusher", "uav")
+ENVIRONMENTS, LEVELS = ("pusher", "uav"), ("low", "high")
 
 
 def tables(results: Path) -> dict[str, Callable[[], str]]:
@@ -31,7 +36,9 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     path = results / "multiverse"
     return {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), path),
-        "changes": lambda: changes(path),
+        "orders": lambda: orders(path),
+        "changes": lambda: changes(path, "study"),
+        "changes-as-written": lambda: changes(path, "as_written"),
     }
 
 
@@ -62,7 +69,45 @@ def readings(claims: Claims, path: Path) -> str:
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
 
 
-def changes(path: Path, base: str = "study", level: str = "low") -> str:
+def orders(path: Path) -> str:
+    """In how many readings the residual VAE is better, and worse, than each of the other two.
+
+    A column has the readings around one base reading, or those with random values. An entry such as
+    `14 / 1` counts the contrasts that hold and those that are contradicted, see
+    `study.claims.claim.Rule`.
+
+    Args:
+        path: the results folder of the multiverse. Without one, the table is a sentence.
+    """
+    if not (path / folder.FACTS).is_file():
+        return NOT_RUN
+    results = folder.read(path)
+    base = {u.name: RANDOM if u.base is None else u.base for u in results.universes}
+    groups = [*results.design.bases, RANDOM]
+    count = pd.Series(base)[results.scored].value_counts()
+    effects = results.effects.assign(group=results.effects["universe"].map(base))
+    effects = effects[effects["effect"].notna()].set_index(["claim", "contrast", "group"])
+    rows = []
+    for metric, environment, level in product(ORDERS, ENVIRONMENTS, LEVELS):
+        claim = f"{ORDERS[metric]}-{environment}-{level}"
+        row = [f"{metric}, {label(environment)}, {label(level)}"]
+        for other, group in product((FULL, MLP), groups):
+            at = (claim, f"{label(other)} minus {label(RESIDUAL)}", group)
+            row.append(_count(effects["status"].get(at, pd.Series(dtype=str))))
+        if set(row[1:]) != {NOTHING}:
+            rows.append(row)
+    names = [f"{label(group)} ({count.get(group, 0)})" for group in groups]
+    others = (f"than the {label(other)}: {name}" for other in (FULL, MLP) for name in names)
+    return pipe_table(["residual VAE better / worse", *others], rows)
+
+
+def _count(status: "pd.Series[str]") -> str:
+    if status.empty:
+        return NOTHING
+    return f"{(status == Status.HOLDS).sum()} / {(status == Status.CONTRADICTED).sum()}"
+
+
+def changes(path: Path, base: str, level: str = "low") -> str:
     """MMD² of each model with one change of a base reading / MMD² without the change.
 
     A dash stands where the change does not concern the model, and *failed* where there is no score.

@@ -159,7 +159,11 @@ def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
 
 
 def test_without_a_multiverse_the_page_says_so(tmp_path: Path) -> None:
-    for table in (multiverse_tables.readings([], tmp_path), multiverse_tables.changes(tmp_path)):
+    for table in (
+        multiverse_tables.readings([], tmp_path),
+        multiverse_tables.orders(tmp_path),
+        multiverse_tables.changes(tmp_path, "study"),
+    ):
         assert table == multiverse_tables.NOT_RUN
 
 
@@ -171,7 +175,7 @@ def test_the_changes_are_relative_to_the_base_reading(tmp_path: Path) -> None:
     others = [cells.assign(level="high", mmd2=9.0), cells.assign(seed=1)]
     results = replace(results, cells=pd.concat([cells, *others], ignore_index=True))
     write(results, tmp_path)
-    table = _cells(multiverse_tables.changes(tmp_path))
+    table = _cells(multiverse_tables.changes(tmp_path, "study"))
     assert table["target: state", "residual VAE, Pusher"] == "1.50"
     assert table["target: state", "probabilistic MLP, Pusher"] == "—"  # the same number
     assert table["target: state", "full VAE, Pusher"] == "failed"  # there is none
@@ -210,3 +214,26 @@ def test_the_table_of_a_cluster() -> None:
     assert cells["5%", "stages on workers"] == "10,000 on 256"
     assert cells["5%", "workers busy"] == "91%"
     assert cells["5%", "both, of the workers' time"] == "0.01%"
+
+
+def test_the_order_of_the_models_is_counted_by_the_readings_around_a_base(tmp_path: Path) -> None:
+    results = multiverse(random=24)
+    claim = "mmd-residual-lowest-uav-high"
+    effects = results.effects[results.effects["claim"] == results.effects["claim"].iloc[0]]
+    effects = effects[effects["decisive"]].assign(
+        claim=claim, contrast="full VAE minus residual VAE", status="undecided"
+    )
+    effects.loc[effects["universe"].isin(["study", "study/beta=one"]), "status"] = "holds"
+    effects.loc[effects["universe"] == "study/beta=low", "status"] = "contradicted"
+    write(replace(results, effects=effects), tmp_path)
+    table = _cells(multiverse_tables.orders(tmp_path))
+    assert {row for row, _ in table} == {"MMD², UAV, high epistemic"}
+    near = [name for name in results.scored if name.startswith("study")]
+    assert table["MMD², UAV, high epistemic", f"than the full VAE: study ({len(near)})"] == "2 / 1"
+    random = [name for name in results.scored if name.startswith("random")]
+    column = f"than the full VAE: random values ({len(random)})"
+    assert table["MMD², UAV, high epistemic", column] == "0 / 0"
+    assert (
+        table["MMD², UAV, high epistemic", f"than the probabilistic MLP: study ({len(near)})"]
+        == "—"
+    )
