@@ -83,8 +83,8 @@ def orders(path: Path) -> str:
         return NOT_RUN
     results = folder.read(path)
     base = {u.name: RANDOM if u.base is None else u.base for u in results.universes}
-    groups = [*results.design.bases, RANDOM]
     count = pd.Series(base)[results.scored].value_counts()
+    groups = [group for group in (*results.design.bases, RANDOM) if group in count.index]
     effects = results.effects.assign(group=results.effects["universe"].map(base))
     effects = effects[effects["effect"].notna()].set_index(["claim", "contrast", "group"])
     rows = []
@@ -96,7 +96,7 @@ def orders(path: Path) -> str:
             row.append(_count(effects["status"].get(at, pd.Series(dtype=str))))
         if set(row[1:]) != {NOTHING}:
             rows.append(row)
-    names = [f"{label(group)} ({count.get(group, 0)})" for group in groups]
+    names = [f"{label(group)} ({count[group]})" for group in groups]
     others = (f"than the {label(other)}: {name}" for other in (FULL, MLP) for name in names)
     return pipe_table(["residual VAE better / worse", *others], rows)
 
