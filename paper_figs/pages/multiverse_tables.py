@@ -18,7 +18,7 @@ from study.multiverse import folder
 from study.multiverse.choices import strongest_choice
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.report import KINDS, kinds_of
+from study.multiverse.report import counts_by_kind
 
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
 """The claims on the order of the models, by the metric."""
@@ -63,9 +63,8 @@ def readings(claims: Claims, path: Path) -> str:
     ]
     count = f"{len(results.scored)} of {len(results.universes)} readings have been run."
     if len(results.scored) < len(results.universes):
-        planned, scored = kinds_of(results)
-        counts = [f"{scored[kind]} of {planned[kind]} {name}" for kind, name in KINDS.items()]
-        count = f"{count[:-1]} so far: {', '.join(counts)}. All shares are of these readings."
+        counts = ", ".join(counts_by_kind(results))
+        count = f"{count[:-1]} so far: {counts}. All shares are of these readings."
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
 
 

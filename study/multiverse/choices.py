@@ -7,7 +7,7 @@ import pandas as pd
 
 from study.claims.claim import Claim
 from study.claims.judge import CLAIMS
-from study.config.names import markdown
+from study.config.names import label, markdown
 from study.multiverse.effects import curve, judged, support
 from study.multiverse.folder import Multiverse
 from study.multiverse.influence import Change, Influence, Term, influence
@@ -40,7 +40,7 @@ def strongest_choice(multiverse: Multiverse, claim: str) -> str | None:
     regression = influence_on(multiverse, claim)
     if regression is None or regression.strongest is None:
         return None
-    return f"{in_words(regression.strongest)} ({regression.shares[regression.strongest]:.0%})"
+    return f"{label(regression.strongest)} ({regression.shares[regression.strongest]:.0%})"
 
 
 def choices_page(multiverse: Multiverse) -> str:
@@ -91,7 +91,7 @@ def _influence_table(
     )
     yield ""
     heads = ["choice", "value", "universes", "change of the effect", "rank", "share"]
-    yield f"| {' | '.join([*heads, *(f'at {in_words(base)}' for base in bases)])} |"
+    yield f"| {' | '.join([*heads, *(f'at {label(base)}' for base in bases)])} |"
     yield f"|---|---|---:|---:|---:|---:|{'---:|' * len(bases)}"
     order = sorted(regression.shares, key=regression.shares.__getitem__, reverse=True)
     for name in order:
@@ -100,7 +100,7 @@ def _influence_table(
             at_bases = [_at_base(multiverse, effects, base, term) for base in bases]
             share = _share(regression, name) if term is terms[0] else ""
             changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
-            entries = [in_words(name), markdown(term.value), str(term.universes), *changes, share]
+            entries = [label(name), markdown(term.value), str(term.universes), *changes, share]
             yield f"| {' | '.join([*entries, *at_bases])} |"
 
 
@@ -135,8 +135,3 @@ def _at_base(multiverse: Multiverse, effects: "pd.Series[float]", base: str, ter
 def _sentence(text: str) -> str:
     """Text with a capital letter, without changing the other letters."""
     return text[:1].upper() + text[1:]
-
-
-def in_words(name: str) -> str:
-    """The name of a choice or base reading without underscores."""
-    return name.replace("_", " ")

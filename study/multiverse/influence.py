@@ -116,12 +116,13 @@ def influence(
     outcome: Doubles = np.asarray(finite.to_numpy(), np.float64)
     ranks: Doubles = np.asarray(finite.rank().to_numpy(), np.float64) / count
     total = float(((ranks - ranks.mean()) ** 2).sum())
-    error = _residual(design, ranks) / (count - terms)
+    whole = _residual(design, ranks)
+    error = whole / (count - terms)
     shares, p_values = {}, {}
     for choice in dict.fromkeys(choice for choice, _ in columns):
         others = [column for (name, _), column in columns.items() if name != choice]
         without = _residual(np.column_stack([np.ones(count), *others]), ranks)
-        gain, freedom = without - error * (count - terms), len(columns) - len(others)
+        gain, freedom = without - whole, len(columns) - len(others)
         shares[choice] = max(gain - freedom * error, 0.0) / total if total else 0.0
         ratio = gain / freedom / max(error, TINY)
         p_values[choice] = float(stats.f.sf(ratio, freedom, count - terms))

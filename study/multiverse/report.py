@@ -10,7 +10,7 @@ from study.claims.claim import OURS, Claim
 from study.claims.judge import CLAIMS
 from study.config.names import ORACLE, label, markdown
 from study.metrics.intervals import basis, training_seeds
-from study.multiverse.choices import DASH, choices_page, claims_of, in_words, strongest_choice
+from study.multiverse.choices import DASH, choices_page, claims_of, strongest_choice
 from study.multiverse.design import Choice, Universe
 from study.multiverse.effects import VERDICTS, curve, shares
 from study.multiverse.folder import Multiverse
@@ -29,13 +29,12 @@ def pages(multiverse: Multiverse) -> dict[str, str]:
     return {"README.md": _summary(multiverse), "choices.md": choices_page(multiverse)}
 
 
-def kinds_of(multiverse: Multiverse) -> tuple[Counter[str], Counter[str]]:
-    """The number of universes of each kind: in the design, and with scores."""
-    scored = set(multiverse.scored)
-    return (
-        Counter(universe.kind for universe in multiverse.universes),
-        Counter(u.kind for u in multiverse.universes if u.name in scored),
-    )
+def counts_by_kind(multiverse: Multiverse) -> list[str]:
+    """How many universes of each kind have scores, such as `2 of 2 base readings`."""
+    names = set(multiverse.scored)
+    planned = Counter(universe.kind for universe in multiverse.universes)
+    scored = Counter(u.kind for u in multiverse.universes if u.name in names)
+    return [f"{scored[kind]} of {planned[kind]} {words}" for kind, words in KINDS.items()]
 
 
 def _summary(multiverse: Multiverse) -> str:
@@ -72,15 +71,14 @@ def _summary(multiverse: Multiverse) -> str:
 
 
 def _counts(multiverse: Multiverse) -> str:
-    planned, scored = kinds_of(multiverse)
     found = multiverse.effects[multiverse.effects["effect"].notna()]
     seeds = set(found["seeds"])
-    counts = [f"{scored[kind]} of {planned[kind]} {name}" for kind, name in KINDS.items()]
+    counts = counts_by_kind(multiverse)
     text = (
         f"{len(multiverse.scored)} of {len(multiverse.universes)} universes have scores: "
         f"{', '.join(counts[:-1])} and {counts[-1]}."
     )
-    if scored != planned:
+    if len(multiverse.scored) < len(multiverse.universes):
         text += " **The design is not complete: all shares are of these universes.**"
     return f"{text} {training_seeds(seeds)}; {basis(seeds)}." if seeds else text
 
@@ -129,12 +127,12 @@ def _verdict_row(multiverse: Multiverse, claim: Claim) -> str:
 
 def _choice_table(multiverse: Multiverse) -> Iterator[str]:
     bases = list(multiverse.design.bases)
-    yield f"| choice | question | values | {' | '.join(in_words(base) for base in bases)} |"
+    yield f"| choice | question | values | {' | '.join(label(base) for base in bases)} |"
     yield f"|---|---|---|{'---|' * len(bases)}"
     for choice in multiverse.design.choices:
         chosen = [markdown(multiverse.design.bases[base][choice.name]) for base in bases]
         values = "; ".join(_value(choice, value) for value in choice.values)
-        entries = [in_words(choice.name), markdown(choice.question), values, *chosen]
+        entries = [label(choice.name), markdown(choice.question), values, *chosen]
         yield f"| {' | '.join(entries)} |"
 
 
@@ -147,7 +145,7 @@ def _exclusions(multiverse: Multiverse) -> Iterator[str]:
     if multiverse.design.exclusions:
         yield from ("Excluded combinations:", "")
         for rule in multiverse.design.exclusions:
-            combination = ", ".join(f"{in_words(name)}: {v}" for name, v in rule.values.items())
+            combination = ", ".join(f"{label(name)}: {v}" for name, v in rule.values.items())
             yield f"- {markdown(combination)}. {markdown(rule.reason)}"
         yield ""
 
@@ -168,7 +166,7 @@ def _universe_table(multiverse: Multiverse) -> Iterator[str]:
         reproduced = f"{(own['verdict'] == 'reproduced').sum()} of {len(own)}" if len(own) else DASH
         entries = [f"`{universe.name}`", *mmd2, reproduced, _differences(multiverse, universe)]
         yield f"| {' | '.join(entries)} |"
-    reference = in_words(next(iter(multiverse.design.bases)))
+    reference = label(next(iter(multiverse.design.bases)))
     yield from (
         "",
         "MMD² is the mean over the environments, levels and seeds of the universe. The last column "
@@ -206,7 +204,7 @@ def _repeats(multiverse: Multiverse) -> Iterator[str]:
 def _differences(multiverse: Multiverse, universe: Universe) -> str:
     reference = next(iter(multiverse.design.bases.values()))
     changes = [
-        f"{in_words(name)}: {value}"
+        f"{label(name)}: {value}"
         for name, value in universe.values.items()
         if value != reference[name]
     ]
