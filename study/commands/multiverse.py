@@ -28,7 +28,8 @@ ACTIONS = ("run", "plan")
 DETAILS = """\
 The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
 part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
-multiverse continues where it stopped; after a new value or choice, only what is new runs.
+multiverse continues where it stopped; after a new value or choice, only what is new runs. Parts
+that ran on several machines are joined: see `join --help`.
 OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, repeats.parquet,
 figures/ and recordings/multiverse.rrd.
 
@@ -39,7 +40,7 @@ exit  0 if all is well, 1 if a stage failed (the other universes still run), 2 i
 examples
   python -m study.run multiverse plan
   python -m study.run multiverse
-  python -m study.run multiverse --universes 'as_written*'
+  python -m study.run multiverse --universes 'as_written*' --out results/readings
   python -m study.run multiverse --grid.seeds '[0, 1]' --engine.workers 8"""
 
 
@@ -100,12 +101,16 @@ def _run(
     configs: dict[str, Config],
 ) -> int:
     from study.results import multiverse as results
+    from study.results.protection_multiverse import why_refused
 
     out, terminal = options.out, console()
     tasks = _evaluations(configs, options.only)
     chosen = {universe.name: tasks[universe.name] for universe in selected}
     create(out)
     store = Store(out / "work")
+    computed = [] if options.only else list(chosen)
+    if refused := why_refused(options.config, design, tasks, computed, store, out):
+        raise BadInput(f"--out: {refused}; give another --out")
     with locked(out) as lock:
         say(terminal, f"{len(selected)} universes of {len(every)} in the design")
         errors = run_missing(tasks_of(chosen), options.config, store, terminal)

@@ -5,9 +5,11 @@ the same bytes.
 """
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -37,25 +39,62 @@ def join(folders: Sequence[Path], out: Path) -> None:
             or share a seed, or `out` exists.
         StudyError: a folder is damaged.
     """
+    check_folders(folders, out)
+    parts = [read(folder) for folder in folders]
+    config = _joined_config(parts)
+    check_checksums(folders)
+    with appearing(out) as partial:
+        _write(parts, config, partial)
+
+
+def check_folders(folders: Sequence[Path], out: Path) -> None:
+    """Check that there is something to join, and a place for the result.
+
+    Raises:
+        BadInput: there are fewer than two folders, or `out` exists or cannot be written.
+    """
     if len(folders) < 2:
         raise BadInput(f"join: got {len(folders)} results folder; give at least two")
     if out.exists():
         raise BadInput(f"--out: '{out}' exists; give a folder that does not")
     check_writable(out)
-    parts = [read(folder) for folder in folders]
-    config = _joined_config(parts)
-    for part in parts:
-        if problems := checksums.problems(part.out):
-            raise StudyError(f"{problems[0]}; restore it, or run that study again")
+
+
+def check_checksums(
+    folders: Sequence[Path], present: Callable[[Path], list[str]] = checksums.present
+) -> None:
+    """Check all files of all folders.
+
+    Args:
+        folders: the results folders.
+        present: the names of the files of a folder that have checksums.
+
+    Raises:
+        StudyError: names the first file that is damaged or missing.
+    """
+    for folder in folders:
+        if problems := checksums.problems(folder, present(folder)):
+            raise StudyError(f"{problems[0]}; restore it, or write that folder again")
+
+
+@contextmanager
+def appearing(out: Path) -> Iterator[Path]:
+    """A hidden folder to write to. It becomes `out` at the end, and is removed after an error."""
     # A killed run may have left this hidden folder, since its name is always the same.
     partial = out.with_name(f".{out.name}.new")
     shutil.rmtree(partial, ignore_errors=True)
     create(partial)
     try:
-        _write(parts, config, partial)
+        yield partial
         partial.replace(out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
+    """The sorted dotted names of the entries in which two nested mappings differ."""
+    a, b = by_dotted_name(first), by_dotted_name(second)
+    return [name for name in sorted(a.keys() | b.keys()) if a.get(name) != b.get(name)]
 
 
 def _joined_config(parts: Sequence[Results]) -> Config:
@@ -74,12 +113,13 @@ def _joined_config(parts: Sequence[Results]) -> Config:
 
 def _different_settings(first: Results, second: Results) -> list[str]:
     """The settings and versions in which two studies differ, except their seeds and names."""
-    a, b = (
-        by_dotted_name(settings_of(part.config) | {"versions": dict(part.origin.versions)})
-        for part in (first, second)
+    found = differences(
+        *(
+            settings_of(part.config) | {"versions": dict(part.origin.versions)}
+            for part in (first, second)
+        )
     )
-    names = (a.keys() | b.keys()) - {"grid.seeds", "name"}
-    return [name for name in sorted(names) if a.get(name) != b.get(name)]
+    return [name for name in found if name not in ("grid.seeds", "name")]
 
 
 def _write(parts: Sequence[Results], config: Config, out: Path) -> None:

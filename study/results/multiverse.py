@@ -104,22 +104,33 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def publish(multiverse: Multiverse, out: Path) -> bool:
-    """Write the results folder: the tables, the pages, the figures, the recording and checksums.
+    """Write the results folder, unless it has the same results already.
 
     Returns:
-        whether anything was written; not if the folder has the same results already.
+        whether anything was written.
 
     Raises:
         StudyError: a figure or the recording could not be written. All other files are.
     """
-    written = folder.write(multiverse, out)
-    tables = {path.name: sha256(path) for path in written}
-    source = dict(source_digests((__name__,)))
-    inputs = digest([tables, source])
+    tables = {path.name: sha256(path) for path in folder.write(multiverse, out)}
+    inputs = digest([tables, dict(source_digests((__name__,)))])
     if _is_current(inputs, out):
         return False
-    for path in (out / STATE, out / checksums.NAME):
-        path.unlink(missing_ok=True)
+    (out / STATE).unlink(missing_ok=True)
+    render(multiverse, out)
+    write_json(out / STATE, {"inputs": inputs})
+    return True
+
+
+def render(multiverse: Multiverse, out: Path) -> None:
+    """Write the pages, the figures, the recording, and the checksums of all files.
+
+    The tables are in the folder, see `study.multiverse.folder.write`.
+
+    Raises:
+        StudyError: a figure or the recording could not be written. All other files are.
+    """
+    (out / checksums.NAME).unlink(missing_ok=True)
     write_pages(multiverse, out)
     shutil.rmtree(out / "figures", ignore_errors=True)
     problem = None
@@ -130,8 +141,6 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     checksums.seal(out, present(out))
     if problem is not None:
         raise problem
-    write_json(out / STATE, {"inputs": inputs})
-    return True
 
 
 def write_pages(multiverse: Multiverse, out: Path) -> None:

@@ -5,7 +5,7 @@ other settings, would replace its scores, weights and recordings. So such a run 
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from study.results.folder import STUDY, settings_of
 from study.workflow.store import Store
 
 NAMED = 6
-"""Largest number of cells that an error names."""
+"""Largest number of names in an error."""
 PATTERNS = ("weights/*/*/*/seed-*.safetensors", "recordings/*/*/*/seed-*")
 """Patterns of the files of a cell in a results folder."""
 WITHOUT_EFFECT = ("name", "plugins", "ablations", "publish.")
@@ -47,11 +47,16 @@ def why_refused(config: Config, computed: Collection[Cell], store: Store, out: P
         lost -= {cell.name for cell in computed}
     if not lost:
         return None
-    names = ", ".join(sorted(lost)[:NAMED])
-    if len(lost) > NAMED:
-        names += f" and {len(lost) - NAMED} more"
     reason = f" (settings differ: {', '.join(differing[:NAMED])})" if differing else ""
-    return f"the results of {names} would be lost, since {out} has no work/ of them{reason}"
+    return would_be_lost(sorted(lost), out) + reason
+
+
+def would_be_lost(names: Sequence[str], out: Path) -> str:
+    """The text on cells or universes whose only results are in a folder."""
+    listed = ", ".join(names[:NAMED])
+    if len(names) > NAMED:
+        listed += f" and {len(names) - NAMED} more"
+    return f"the results of {listed} would be lost, since {out} has no work/ of them"
 
 
 def _published(out: Path) -> set[str]:
