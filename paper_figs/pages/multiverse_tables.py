@@ -1,6 +1,7 @@
 """The tables of the multiverse: every claim in every reading, and the effect of each choice."""
 
 from collections.abc import Callable
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from study.multiverse.report import counts_by_kind
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
 """The claims on the order of the models, by the metric."""
 RANDOM = "random values"
+NAMES = ("readings", "orders", "changes", "changes-as-written")
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
 ENVIRONMENTS, LEVELS = ("pusher", "uav"), ("low", "high")
 
@@ -31,18 +33,22 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     """The functions that write the tables, by name.
 
     Args:
-        results: the folder with the committed results, ``results/`` of the repository.
+        results: the folder with the committed results, ``results/`` of the repository. If it has
+            no multiverse, each table is a sentence.
     """
     path = results / "multiverse"
+    if not (path / folder.FACTS).is_file():
+        return dict.fromkeys(NAMES, lambda: NOT_RUN)
+    found = cache(lambda: folder.read(path))
     return {
-        "readings": lambda: readings(read_json(results / "paper" / "claims.json"), path),
-        "orders": lambda: orders(path),
-        "changes": lambda: changes(path, "study"),
-        "changes-as-written": lambda: changes(path, "as_written"),
+        "readings": lambda: readings(read_json(results / "paper" / "claims.json"), found()),
+        "orders": lambda: orders(found()),
+        "changes": lambda: changes(found(), "study"),
+        "changes-as-written": lambda: changes(found(), "as_written"),
     }
 
 
-def readings(claims: Claims, path: Path) -> str:
+def readings(claims: Claims, results: Multiverse) -> str:
     """Every claim of the paper in the universes of the multiverse.
 
     The columns: the share of universes with each verdict, the verdict in each base reading, and the
@@ -50,11 +56,8 @@ def readings(claims: Claims, path: Path) -> str:
 
     Args:
         claims: of the study.
-        path: the results folder of the multiverse. Without one, the table is a sentence.
+        results: of the multiverse.
     """
-    if not (path / folder.FACTS).is_file():
-        return NOT_RUN
-    results = folder.read(path)
     bases = list(results.design.bases)
     heads = ["claim", *(v.value for v in VERDICTS), *map(label, bases), "strongest choice"]
     names = judged(results.effects)
@@ -68,7 +71,7 @@ def readings(claims: Claims, path: Path) -> str:
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
 
 
-def orders(path: Path) -> str:
+def orders(results: Multiverse) -> str:
     """In how many readings the residual VAE is better, and worse, than each of the other two.
 
     A column has the readings around one base reading, or those with random values. An entry such as
@@ -76,11 +79,8 @@ def orders(path: Path) -> str:
     `study.claims.claim.Rule`.
 
     Args:
-        path: the results folder of the multiverse. Without one, the table is a sentence.
+        results: of the multiverse.
     """
-    if not (path / folder.FACTS).is_file():
-        return NOT_RUN
-    results = folder.read(path)
     base = {u.name: RANDOM if u.base is None else u.base for u in results.universes}
     count = pd.Series(base)[results.scored].value_counts()
     groups = [group for group in (*results.design.bases, RANDOM) if group in count.index]
@@ -106,19 +106,16 @@ def _count(status: "pd.Series[str]") -> str:
     return f"{(status == Status.HOLDS).sum()} / {(status == Status.CONTRADICTED).sum()}"
 
 
-def changes(path: Path, base: str, level: str = "low") -> str:
+def changes(results: Multiverse, base: str, level: str = "low") -> str:
     """MMD² of each model with one change of a base reading / MMD² without the change.
 
     A dash stands where the change does not concern the model, and *failed* where there is no score.
 
     Args:
-        path: the results folder of the multiverse. Without one, the table is a sentence.
+        results: of the multiverse.
         base: the base reading.
         level: the epistemic level.
     """
-    if not (path / folder.FACTS).is_file():
-        return NOT_RUN
-    results = folder.read(path)
     cells = results.cells[results.cells["level"] == level]
     means = cells.groupby(["universe", "model", "environment"])["mmd2"].mean()
     columns = [(model, environment) for model in MODELS for environment in ENVIRONMENTS]

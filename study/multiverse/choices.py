@@ -83,11 +83,10 @@ def _influence_table(
     if regression is None:
         yield "Too few universes have scores to tell the choices apart."
         return
-    effects = support(curve(multiverse.effects, claim.id, contrast), claim.rule)
     bases = list(multiverse.design.bases)
     yield (
-        f"{regression.universes} universes. The choices explain {regression.explained:.0%} of the "
-        "variance of the ranks (adjusted R²)."
+        f"{len(regression.effects)} universes. The choices explain {regression.explained:.0%} of "
+        "the variance of the ranks (adjusted R²)."
     )
     yield ""
     heads = ["choice", "value", "universes", "change of the effect", "rank", "share"]
@@ -97,7 +96,7 @@ def _influence_table(
     for name in order:
         terms = [term for term in regression.terms if term.choice == name]
         for term in terms:
-            at_bases = [_at_base(multiverse, effects, base, term) for base in bases]
+            at_bases = [_at_base(multiverse, regression.effects, base, term) for base in bases]
             share = _share(regression, name) if term is terms[0] else ""
             changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
             entries = [label(name), markdown(term.value), str(term.universes), *changes, share]

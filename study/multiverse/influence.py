@@ -63,20 +63,20 @@ class Influence:
     """The regression of one effect on the choices.
 
     Attributes:
+        effects: the effects that are regressed, by the name of the universe.
         terms: in the order of the choices.
         shares: share of the variance of the ranks that is lost if a choice is left out of the
             regression, by choice: the semipartial R², corrected for what a choice without effect
             explains by chance (ε² of Kelley 1935), and at least 0.
         p_values: of the F test of a choice on the ranks, by choice.
         explained: share of that variance that all choices explain (adjusted R²).
-        universes: number of universes.
     """
 
+    effects: "pd.Series[float]"
     terms: tuple[Term, ...]
     shares: Mapping[str, float]
     p_values: Mapping[str, float]
     explained: float
-    universes: int
 
     @property
     def strongest(self) -> str | None:
@@ -134,7 +134,7 @@ def influence(
         )
     ]
     explained = max(1 - error * (count - 1) / total, 0.0) if total else 0.0
-    return Influence(tuple(found), shares, p_values, explained, count)
+    return Influence(finite, tuple(found), shares, p_values, explained)
 
 
 def _changes(design: Doubles, outcome: Doubles) -> list[Change]:

@@ -206,7 +206,7 @@ def test_effects_that_are_not_finite_are_left_out() -> None:
     effects.iloc[2] = np.inf
     found = influence(effects, values, planned.choices)
     assert found is not None
-    assert found.universes == len(values) - 1
+    assert len(found.effects) == len(values) - 1
 
 
 def test_a_choice_that_does_not_vary_is_left_out() -> None:

@@ -18,7 +18,6 @@ from study.common.errors import BadInput
 from study.config.names import FULL, LABELS, MODELS, RESIDUAL
 from study.metrics.tables.table import select
 from study.multiverse.effects import curve
-from study.multiverse.folder import write
 from tests.helpers.multiverse import multiverse
 from tests.paper_figs.known_scores import SAMPLES
 
@@ -139,12 +138,11 @@ def test_verdicts_are_counted(tmp_path: Path) -> None:
     assert [counts[row, "reproduced"] for row in rows] == ["1", "1", "0"]
 
 
-def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
+def test_the_readings_are_those_of_the_multiverse() -> None:
     results = multiverse(random=24)
-    write(results, tmp_path / "multiverse")
     first, fifth = CLAIMS[0], CLAIMS[4]  # the fifth has no scores
     claims = [{"id": c.id, "section": c.section, "text": c.text} for c in (first, fifth)]
-    table = multiverse_tables.readings(claims, tmp_path / "multiverse")
+    table = multiverse_tables.readings(claims, results)
     assert fifth.text not in table
     cells = _cells(table)
     row = f"[{first.text}](../multiverse/figures/specification_{first.id}.png)"
@@ -159,23 +157,19 @@ def test_the_readings_are_those_of_the_multiverse(tmp_path: Path) -> None:
 
 
 def test_without_a_multiverse_the_page_says_so(tmp_path: Path) -> None:
-    for table in (
-        multiverse_tables.readings([], tmp_path),
-        multiverse_tables.orders(tmp_path),
-        multiverse_tables.changes(tmp_path, "study"),
-    ):
-        assert table == multiverse_tables.NOT_RUN
+    tables = multiverse_tables.tables(tmp_path)
+    assert {table() for table in tables.values()} == {multiverse_tables.NOT_RUN}
+    assert tables.keys() == multiverse_tables.tables(RESULTS).keys()
 
 
-def test_the_changes_are_relative_to_the_base_reading(tmp_path: Path) -> None:
+def test_the_changes_are_relative_to_the_base_reading() -> None:
     results = multiverse()
     cells = results.cells
     changed = (cells["universe"] == "study/target=state") & (cells["model"] == RESIDUAL)
     cells.loc[changed, "mmd2"] *= 1.5
     others = [cells.assign(level="high", mmd2=9.0), cells.assign(seed=1)]
     results = replace(results, cells=pd.concat([cells, *others], ignore_index=True))
-    write(results, tmp_path)
-    table = _cells(multiverse_tables.changes(tmp_path, "study"))
+    table = _cells(multiverse_tables.changes(results, "study"))
     assert table["target: state", "residual VAE, Pusher"] == "1.50"
     assert table["target: state", "probabilistic MLP, Pusher"] == "—"  # the same number
     assert table["target: state", "full VAE, Pusher"] == "failed"  # there is none
@@ -216,7 +210,7 @@ def test_the_table_of_a_cluster() -> None:
     assert cells["5%", "both, of the workers' time"] == "0.01%"
 
 
-def test_the_order_of_the_models_is_counted_by_the_readings_around_a_base(tmp_path: Path) -> None:
+def test_the_order_of_the_models_is_counted_by_the_readings_around_a_base() -> None:
     results = multiverse(random=24)
     claim = "mmd-residual-lowest-uav-high"
     effects = results.effects[results.effects["claim"] == results.effects["claim"].iloc[0]]
@@ -225,8 +219,7 @@ def test_the_order_of_the_models_is_counted_by_the_readings_around_a_base(tmp_pa
     )
     effects.loc[effects["universe"].isin(["study", "study/beta=one"]), "status"] = "holds"
     effects.loc[effects["universe"] == "study/beta=low", "status"] = "contradicted"
-    write(replace(results, effects=effects), tmp_path)
-    table = _cells(multiverse_tables.orders(tmp_path))
+    table = _cells(multiverse_tables.orders(replace(results, effects=effects)))
     assert {row for row, _ in table} == {"MMD², UAV, high epistemic"}
     near = [name for name in results.scored if name.startswith("study")]
     assert table["MMD², UAV, high epistemic", f"than the full VAE: study ({len(near)})"] == "2 / 1"
