@@ -24,7 +24,6 @@ from study.multiverse.report import counts_by_kind
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
 """The claims on the order of the models, by the metric."""
 RANDOM = "random values"
-NAMES = ("readings", "orders", "changes", "changes-as-written")
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
 ENVIRONMENTS, LEVELS = ("pusher", "uav"), ("low", "high")
 
@@ -37,15 +36,15 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
             no multiverse, each table is a sentence.
     """
     path = results / "multiverse"
-    if not (path / folder.FACTS).is_file():
-        return dict.fromkeys(NAMES, lambda: NOT_RUN)
     found = cache(lambda: folder.read(path))
-    return {
+    written = {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), found()),
         "orders": lambda: orders(found()),
         "changes": lambda: changes(found(), "study"),
         "changes-as-written": lambda: changes(found(), "as_written"),
     }
+    exists = (path / folder.FACTS).is_file()
+    return written if exists else dict.fromkeys(written, lambda: NOT_RUN)
 
 
 def readings(claims: Claims, results: Multiverse) -> str:

@@ -10,7 +10,7 @@ from study.common.errors import BadInput
 DETAILS = """\
 The studies differ in their seeds alone. All files are checked first. Nothing is trained: tables,
 figures, claims, the recording of the study and its page are written from the scores of all seeds.
-Multiverses have the same design, and no universe in common.
+Multiverses have the same design. They have different universes, or the same results of a universe.
 
 examples
   python -m study.run all --config configs/paper.yaml --grid.seeds '[0]' --out results/one
@@ -38,17 +38,17 @@ def run(options: Options) -> int:
     """Join the studies or multiverses, and print the new results folder."""
     from study.page.write import write_page
     from study.results import join, join_multiverse
+    from study.results.folder import read
     from study.results.verify_multiverse import is_multiverse
 
     folders = [Path(folder) for folder in options.folders]
-    kinds = [is_multiverse(folder) for folder in folders]
-    if all(kinds):
+    multiverses = [folder for folder in folders if is_multiverse(folder)]
+    studies = [folder for folder in folders if folder not in multiverses]
+    if multiverses and studies:
+        read(studies[0])
+        raise BadInput(f"join: {multiverses[0]} is a multiverse, and {studies[0]} is a study")
+    if multiverses:
         join_multiverse.join(folders, options.out)
-    elif any(kinds):
-        raise BadInput(
-            f"join: {folders[kinds.index(True)]} is a multiverse, and "
-            f"{folders[kinds.index(False)]} is not"
-        )
     else:
         join.join(folders, options.out)
         write_page(options.out)

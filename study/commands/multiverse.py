@@ -1,7 +1,7 @@
 """Command `multiverse`: judge the claims in many readings of the paper."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Annotated, Any
@@ -108,8 +108,13 @@ def _run(
     chosen = {universe.name: tasks[universe.name] for universe in selected}
     create(out)
     store = Store(out / "work")
-    computed = [] if options.only else list(chosen)
-    if refused := why_refused(options.config, design, tasks, computed, store, out):
+    all_cells = tasks if options.only is None else _evaluations(configs, None)
+
+    def why_not(computed: Collection[str]) -> str | None:
+        with_all_cells = computed if options.only is None else ()
+        return why_refused(configs, with_all_cells, all_cells, store, out)
+
+    if refused := why_not(chosen):
         raise BadInput(f"--out: {refused}; give another --out")
     with locked(out) as lock:
         say(terminal, f"{len(selected)} universes of {len(every)} in the design")
@@ -118,6 +123,9 @@ def _run(
         collected = results.collect(options.config, design, every, tasks, store)
         problem, written = None, True
         try:
+            failed = {failure.universe for failure in collected.failures}
+            if refused := why_not(set(collected.scored) - failed):
+                raise StudyError(f"the results are not published: {refused}")
             written = results.publish(collected, out)
         except StudyError as error:  # all other files are written
             problem = error

@@ -63,14 +63,10 @@ class Multiverse:
         return {universe.name: universe.values for universe in self.universes}
 
 
-def write(multiverse: Multiverse, out: Path) -> list[Path]:
-    """Write the files.
-
-    Returns:
-        their paths.
-    """
+def facts_of(multiverse: Multiverse) -> dict[str, Any]:
+    """The content of ``multiverse.json``: all but the tables."""
     design = multiverse.design
-    facts = {
+    return {
         "format": FORMAT,
         # The order of choices, of their values, and of the base readings counts.
         "choices": [
@@ -90,7 +86,15 @@ def write(multiverse: Multiverse, out: Path) -> list[Path]:
         "failures": [asdict(failure) for failure in multiverse.failures],
         **multiverse.facts,
     }
-    write_json(out / FACTS, facts, sort_keys=False)
+
+
+def write(multiverse: Multiverse, out: Path) -> list[Path]:
+    """Write the files.
+
+    Returns:
+        their paths.
+    """
+    write_json(out / FACTS, facts_of(multiverse), sort_keys=False)
     tables = {
         EFFECTS: multiverse.effects,
         CELLS: multiverse.cells,
@@ -137,7 +141,10 @@ def read(folder: Path) -> Multiverse:
         effects, cells, repeats = (
             pd.read_parquet(folder / name) for name in (EFFECTS, CELLS, REPEATS)
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        for table in (effects, cells, repeats):
+            table["universe"]
+        facts = {**facts, "settings": dict(facts["settings"]), "versions": dict(facts["versions"])}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise StudyError(f"the multiverse in {folder} is damaged ({reason}): {AGAIN}") from None
     return Multiverse(design, universes, effects, cells, repeats, failures, facts)

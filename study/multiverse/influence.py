@@ -58,7 +58,7 @@ class Term:
     universes: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Influence:
     """The regression of one effect on the choices.
 

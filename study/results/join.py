@@ -43,12 +43,16 @@ def join(folders: Sequence[Path], out: Path) -> None:
     parts = [read(folder) for folder in folders]
     config = _joined_config(parts)
     check_checksums(folders)
-    with appearing(out) as partial:
+    with whole_folder(out) as partial:
         _write(parts, config, partial)
 
 
 def check_folders(folders: Sequence[Path], out: Path) -> None:
     """Check that there is something to join, and a place for the result.
+
+    Args:
+        folders: the results folders.
+        out: the results folder to write.
 
     Raises:
         BadInput: there are fewer than two folders, or `out` exists or cannot be written.
@@ -78,8 +82,18 @@ def check_checksums(
 
 
 @contextmanager
-def appearing(out: Path) -> Iterator[Path]:
-    """A hidden folder to write to. It becomes `out` at the end, and is removed after an error."""
+def whole_folder(out: Path) -> Iterator[Path]:
+    """A results folder that appears when it is complete.
+
+    Args:
+        out: the folder.
+
+    Yields:
+        a hidden folder to write to. It becomes `out` at the end, and is removed after an error.
+
+    Raises:
+        BadInput: the folder cannot be created.
+    """
     # A killed run may have left this hidden folder, since its name is always the same.
     partial = out.with_name(f".{out.name}.new")
     shutil.rmtree(partial, ignore_errors=True)
@@ -91,10 +105,11 @@ def appearing(out: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
-    """The sorted dotted names of the entries in which two nested mappings differ."""
-    a, b = by_dotted_name(first), by_dotted_name(second)
-    return [name for name in sorted(a.keys() | b.keys()) if a.get(name) != b.get(name)]
+def different_names(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
+    """The sorted names of the entries in which two mappings differ."""
+    return [
+        name for name in sorted(first.keys() | second.keys()) if first.get(name) != second.get(name)
+    ]
 
 
 def _joined_config(parts: Sequence[Results]) -> Config:
@@ -113,13 +128,11 @@ def _joined_config(parts: Sequence[Results]) -> Config:
 
 def _different_settings(first: Results, second: Results) -> list[str]:
     """The settings and versions in which two studies differ, except their seeds and names."""
-    found = differences(
-        *(
-            settings_of(part.config) | {"versions": dict(part.origin.versions)}
-            for part in (first, second)
-        )
+    a, b = (
+        by_dotted_name(settings_of(part.config) | {"versions": dict(part.origin.versions)})
+        for part in (first, second)
     )
-    return [name for name in found if name not in ("grid.seeds", "name")]
+    return [name for name in different_names(a, b) if name not in ("grid.seeds", "name")]
 
 
 def _write(parts: Sequence[Results], config: Config, out: Path) -> None:

@@ -1,7 +1,4 @@
-"""Join multiverses of one design that ran different universes, such as on two machines.
-
-The result is that of a single run of all these universes.
-"""
+"""Join multiverses of one design that ran different universes, such as on two machines."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,96 +8,105 @@ from typing import Any
 import pandas as pd
 
 from study.common.errors import BadInput
-from study.common.files import read_json
+from study.config.convert import by_dotted_name
+from study.config.grid import Cell
+from study.metrics.tables.table import CELL
 from study.multiverse import folder
-from study.multiverse.folder import FACTS, Multiverse
-from study.results import join as studies
+from study.multiverse.folder import Failure, Multiverse
 from study.results import multiverse
+from study.results.join import check_checksums, check_folders, different_names, whole_folder
 
-OWN = ("failures", "settings.name")
-"""Entries of ``multiverse.json`` that may differ."""
+MAY_DIFFER = ("failures", "settings.name")
+"""Entries of ``multiverse.json``."""
 
 
 def join(folders: Sequence[Path], out: Path) -> None:
     """Write the multiverse of all universes of `folders`. The folder `out` appears when complete.
 
+    Args:
+        folders: the results folders.
+        out: the results folder to write.
+
     Raises:
         BadInput: there are fewer than two folders, or their multiverses differ in their design,
-            settings or versions, or have scores of the same universe, or `out` exists.
+            settings, versions, cells or the results of a universe that two have, or `out` exists.
         StudyError: a folder is damaged.
     """
-    studies.check_folders(folders, out)
+    check_folders(folders, out)
+    check_checksums(folders, multiverse.present)
     parts = [folder.read(path) for path in folders]
-    _check_same_design(folders)
-    _check_disjoint(folders, parts)
-    studies.check_checksums(folders, multiverse.present)
-    with studies.appearing(out) as partial:
-        joined = _joined(parts)
+    for number, part in enumerate(parts):
+        for path, earlier in zip(folders, parts[:number], strict=False):
+            if different := _differences(earlier, part):
+                raise BadInput(f"join: {path} and {folders[number]} differ in {different}")
+    joined = _joined(parts)
+    with whole_folder(out) as partial:
         folder.write(joined, partial)
         multiverse.render(joined, partial)
 
 
-def _check_same_design(folders: Sequence[Path]) -> None:
-    first, *others = (read_json(path / FACTS) for path in folders)
-    for path, other in zip(folders[1:], others, strict=True):
-        found = studies.differences(_by_place(first), _by_place(other))
-        if different := [name for name in found if not name.startswith(OWN)]:
-            raise BadInput(f"join: {folders[0]} and {path} differ in {', '.join(different)}")
+def _differences(first: Multiverse, second: Multiverse) -> str:
+    """What keeps two multiverses from being joined; empty if nothing does."""
+    facts = (by_dotted_name(_named(folder.facts_of(part))) for part in (first, second))
+    if names := [name for name in different_names(*facts) if name not in MAY_DIFFER]:
+        return ", ".join(names)
+    if names := sorted(_cells(first) ^ _cells(second)):
+        return f"their cells: only one has {', '.join(names)}"
+    for name in second.scored:
+        for table in ("effects", "cells"):
+            old, new = (_rows(getattr(part, table), name) for part in (first, second))
+            if name in first.scored and not old.equals(new):
+                return f"the results of the universe {name}"
+    return ""
 
 
-def _by_place(facts: dict[str, Any]) -> dict[str, Any]:
-    """The facts without lists of entries: an entry that has a name is found by it."""
-
-    def named(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {name: named(entry) for name, entry in value.items()}
-        if isinstance(value, list) and all(isinstance(e, dict) and "name" in e for e in value):
-            return {entry["name"]: named(entry) for entry in value}
-        return value
-
-    return {name: named(value) for name, value in facts.items()}
+def _named(value: Any) -> Any:
+    """Facts with a mapping by name in place of each list of named entries, and their order."""
+    if isinstance(value, dict):
+        return {name: _named(entry) for name, entry in value.items()}
+    if isinstance(value, list) and all(isinstance(e, dict) and "name" in e for e in value):
+        names = [entry["name"] for entry in value]
+        return {"(order)": names, **{entry["name"]: _named(entry) for entry in value}}
+    return value
 
 
-def _check_disjoint(folders: Sequence[Path], parts: Sequence[Multiverse]) -> None:
-    owner: dict[str, Path] = {}
-    for path, part in zip(folders, parts, strict=True):
-        for name in part.scored:
-            if name in owner:
-                raise BadInput(f"join: {owner[name]} and {path} both have the universe {name}")
-            owner[name] = path
+def _cells(part: Multiverse) -> set[str]:
+    """The names of the cells that have run, or failed, in any universe."""
+    rows = part.cells[list(CELL)].drop_duplicates()
+    return {Cell(*row).name for row in rows.itertuples(index=False)} | {
+        failure.cell for failure in part.failures
+    }
+
+
+def _rows(table: pd.DataFrame, universe: str) -> pd.DataFrame:
+    return table[table["universe"] == universe].reset_index(drop=True)
 
 
 def _joined(parts: Sequence[Multiverse]) -> Multiverse:
     """All results, in the order of the universes."""
-    first = parts[0]
-    names = [universe.name for universe in first.universes]
+    names = [universe.name for universe in parts[0].universes]
     # Universes share cells, so a part may have some cells of a universe that another part ran. A
     # universe that failed in one part may have run in another.
     owner = {
-        name: max(
-            parts, key=lambda part: (name in part.scored, (part.repeats.universe == name).sum())
-        )
+        name: max(parts, key=lambda part: (name in part.scored, len(_rows(part.repeats, name))))
         for name in names
     }
-    scored = {name for part in parts for name in part.scored}
-    failures = [
-        failure
-        for name in names
-        for part in ([owner[name]] if name in scored else parts)
-        for failure in part.failures
-        if failure.universe == name
-    ]
 
-    def rows(table: str) -> pd.DataFrame:
-        tables = [(name, getattr(owner[name], table)) for name in names]
-        return pd.concat(
-            [rows[rows["universe"] == name] for name, rows in tables], ignore_index=True
-        )
+    def joined(table: str) -> pd.DataFrame:
+        of_each = (_rows(getattr(owner[name], table), name) for name in names)
+        return pd.concat(list(of_each), ignore_index=True)
 
     return replace(
-        first,
-        effects=rows("effects"),
-        cells=rows("cells"),
-        repeats=rows("repeats"),
-        failures=list(dict.fromkeys(failures)),
+        parts[0],
+        effects=joined("effects"),
+        cells=joined("cells"),
+        repeats=joined("repeats"),
+        failures=[failure for name in names for failure in _failures(parts, owner[name], name)],
     )
+
+
+def _failures(parts: Sequence[Multiverse], owner: Multiverse, universe: str) -> list[Failure]:
+    """The failures of a universe: those of its part, or of all parts if none has scores."""
+    sources = [owner] if universe in owner.scored else parts
+    found = (failure for part in sources for failure in part.failures)
+    return list(dict.fromkeys(f for f in found if f.universe == universe))

@@ -41,7 +41,7 @@ COLUMNS = ("universe", *CELL, *METRICS, *DIAGNOSTICS)
 
 RECORDING = Path("recordings") / "multiverse.rrd"
 STATE = Path("work") / "published.json"
-"""Holds a digest of all that the results folder was written from."""
+"""Holds a digest of all that the results folder was written from, and those of its tables."""
 PAGES = ("README.md", "choices.md")
 FILES = (*folder.FILES, *PAGES, "figures/*", "recordings/*")
 """The files with checksums. Other files, such as notes, have none."""
@@ -116,16 +116,27 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
     inputs = digest([tables, dict(source_digests((__name__,)))])
     if _is_current(inputs, out):
         return False
-    (out / STATE).unlink(missing_ok=True)
+    write_json(out / STATE, {"inputs": "", "tables": tables})
     render(multiverse, out)
-    write_json(out / STATE, {"inputs": inputs})
+    write_json(out / STATE, {"inputs": inputs, "tables": tables})
     return True
+
+
+def is_own(out: Path) -> bool:
+    """Whether the tables of a folder were written from the stages in its own ``work/``."""
+    try:
+        tables = read_json(out / STATE)["tables"]
+        return all(sha256(out / name) == tables[name] for name in folder.FILES)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def render(multiverse: Multiverse, out: Path) -> None:
     """Write the pages, the figures, the recording, and the checksums of all files.
 
-    The tables are in the folder, see `study.multiverse.folder.write`.
+    Args:
+        multiverse: the results.
+        out: the folder. It has their tables already, see `study.multiverse.folder.write`.
 
     Raises:
         StudyError: a figure or the recording could not be written. All other files are.

@@ -47,16 +47,22 @@ def why_refused(config: Config, computed: Collection[Cell], store: Store, out: P
         lost -= {cell.name for cell in computed}
     if not lost:
         return None
-    reason = f" (settings differ: {', '.join(differing[:NAMED])})" if differing else ""
-    return would_be_lost(sorted(lost), out) + reason
+    return would_be_lost(sorted(lost), differing, out)
 
 
-def would_be_lost(names: Sequence[str], out: Path) -> str:
-    """The text on cells or universes whose only results are in a folder."""
+def would_be_lost(names: Sequence[str], differing: Sequence[str], out: Path) -> str:
+    """The error that a run would replace results that it cannot compute again.
+
+    Args:
+        names: of the cells or universes.
+        differing: the settings that differ from those of the results.
+        out: the results folder.
+    """
     listed = ", ".join(names[:NAMED])
     if len(names) > NAMED:
         listed += f" and {len(names) - NAMED} more"
-    return f"the results of {listed} would be lost, since {out} has no work/ of them"
+    reason = f" (settings differ: {', '.join(differing[:NAMED])})" if differing else ""
+    return f"the results of {listed} would be lost, since {out} has no work/ of them{reason}"
 
 
 def _published(out: Path) -> set[str]:
@@ -94,25 +100,37 @@ def _different_settings(config: Config, out: Path) -> list[str]:
     settings = _study(out).get("settings")
     if not isinstance(settings, dict):
         return ["all, since study.json cannot be read"]
-    old = _by_name(settings)
-    new = _by_name(json.loads(json.dumps(settings_of(config))))
+    old, new = by_dotted_name(settings), dotted_settings(config)
     return [
         name
-        for name in sorted(old.keys() | new.keys())
-        if not name.startswith(WITHOUT_EFFECT)
-        and old.get(name) != new.get(name)
-        and not (name.startswith(OF_SOME_CELLS) and _only_other_cells(name, old, new))
+        for name in differing_settings(old, new)
+        if not (name.startswith(OF_SOME_CELLS) and _only_other_cells(name, old, new))
     ]
 
 
-def _by_name(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings by dotted name, without those that were added later and have their default."""
+def dotted_settings(config: Config) -> dict[str, Any]:
+    """The settings by dotted name, with the types that JSON has."""
+    return by_dotted_name(json.loads(json.dumps(settings_of(config))))
+
+
+def differing_settings(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """The sorted names of the settings that change numbers and differ.
+
+    Args:
+        old: settings by dotted name. A setting that was added later has its default.
+        new: others.
+    """
     known = known_settings()
-    return {
-        name: value
-        for name, value in by_dotted_name(settings).items()
-        if not (name in known and known[name].was_added_later and value == known[name].default)
-    }
+
+    def value(settings: Mapping[str, Any], name: str) -> Any:
+        later = name in known and known[name].was_added_later
+        return settings.get(name, known[name].default if later else None)
+
+    return [
+        name
+        for name in sorted(old.keys() | new.keys())
+        if not name.startswith(WITHOUT_EFFECT) and value(old, name) != value(new, name)
+    ]
 
 
 def _only_other_cells(name: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:

@@ -4,51 +4,78 @@ A results folder that was copied or joined has no ``work/``. A run of some of it
 remove the others, so it is refused. A run of all of them, with the same settings, is not.
 """
 
-import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 from study.common.errors import StudyError
+from study.config.convert import by_dotted_name
 from study.config.settings import Config
 from study.multiverse import folder
-from study.multiverse.design import Design
-from study.results.folder import settings_of
-from study.results.multiverse import STATE, Tasks
-from study.results.protection import would_be_lost
+from study.multiverse.design import Universe
+from study.multiverse.folder import Multiverse
+from study.results.multiverse import STATE, Tasks, is_own
+from study.results.protection import differing_settings, dotted_settings, would_be_lost
 from study.workflow.store import Store
+
+SEEDS = "grid.seeds"
 
 
 def why_refused(
-    config: Config, design: Design, tasks: Tasks, computed: Collection[str], store: Store, out: Path
+    configs: Mapping[str, Config],
+    computed: Collection[str],
+    tasks: Tasks,
+    store: Store,
+    out: Path,
 ) -> str | None:
     """Why a run must not publish its results in a folder; None if it may.
 
     Args:
-        config: the settings that all universes share.
-        design: the choices.
-        tasks: of all universes of the design.
-        computed: the names of the universes that the run computes completely.
+        configs: the settings of all universes of the design, by name.
+        computed: the names of the universes that the run computes, or has computed, with all cells.
+        tasks: of all cells of all universes.
         store: the folders of the tasks. A universe that is complete there can be published again.
         out: the results folder.
     """
-    if (out / STATE).is_file():  # written from the stages in its own work/
+    if not (out / folder.FACTS).is_file() or is_own(out):
         return None
     try:
         present = folder.read(out)
-    except StudyError:  # there is none that could be read
-        return None
-    same_settings = present.facts["settings"] == json.loads(json.dumps(settings_of(config)))
-    kept = {
-        name
-        for name in present.scored
-        if name in tasks and all(store.reason_to_run(task) is None for task in tasks[name].values())
-    }
-    if same_settings:
-        kept |= {
-            universe.name
-            for universe in present.universes
-            if universe.name in computed
-            and present.design.settings(universe.values) == design.settings(universe.values)
-        }
-    lost = [name for name in present.scored if name not in kept]
-    return would_be_lost(lost, out) if lost else None
+    except StudyError as error:
+        # The folder's own work/, or a complete run, can write it again.
+        if (out / STATE).is_file() or set(computed) >= set(configs):
+            return None
+        return f"the results in {out} would be lost, and cannot be read ({error})"
+    scored = [u for u in present.universes if u.name in set(present.scored)]
+    differing = {u.name: _different_settings(present, u, configs) for u in scored}
+    lost = [
+        universe.name
+        for universe in scored
+        if not (
+            (universe.name in computed and not differing[universe.name])
+            or _is_complete(universe.name, tasks, store)
+        )
+    ]
+    names = sorted({setting for name in lost for setting in differing[name]})
+    return would_be_lost(lost, names, out) if lost else None
+
+
+def _different_settings(
+    present: Multiverse, universe: Universe, configs: Mapping[str, Config]
+) -> list[str]:
+    """The settings in which a universe differs from that of the same name in another design."""
+    if universe.name not in configs:
+        return ["multiverse"]
+    old: dict[str, Any] = by_dotted_name(present.facts["settings"])
+    old |= present.design.settings(universe.values)
+    new = dotted_settings(configs[universe.name])
+    seeds = set(old[SEEDS])
+    if universe.kind == "base":
+        seeds |= set(present.design.further_seeds)
+    if seeds <= set(new[SEEDS]):  # more seeds lose nothing
+        old[SEEDS] = new[SEEDS]
+    return differing_settings(old, new)
+
+
+def _is_complete(name: str, tasks: Tasks, store: Store) -> bool:
+    return name in tasks and all(store.reason_to_run(task) is None for task in tasks[name].values())

@@ -286,31 +286,6 @@ def test_a_part_of_the_universes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_copied_folder_is_not_replaced_by_fewer_universes(copied: Path, tmp_path: Path) -> None:
-    given = ("multiverse", "--config", written_design(tmp_path), "--out", copied)
-    some = ("--universes", "study*")
-    assert study(*given, *some).code == 0  # all universes are in its work/
-    shutil.rmtree(copied / "work")
-    before = files(copied)
-
-    def refused(*flags: str) -> str:
-        done = study(*given, *flags)
-        assert (done.code, done.out) == (2, "")
-        assert files(copied) == before
-        return done.err.strip()
-
-    lost = "the results of {} would be lost, since " + f"{copied} has no work/ of them"
-    expected = f"error: --out: {lost}; give another --out"
-    assert refused(*some) == expected.format("as_written, as_written/loss=plain")
-    everything = "study, as_written, study/loss=plain, as_written/loss=plain"
-    assert refused("--train.steps=3") == expected.format(everything)
-    assert refused("--only=*/residual_vae/*") == expected.format(everything)
-    old = read(copied)
-    assert study(*given).code == 0
-    assert read(copied).effects.equals(old.effects)
-
-
-@pytest.mark.slow
 def test_the_recording_is_found(ran: tuple[Path, Done], tmp_path: Path) -> None:
     out, _ = ran
     _, options = parse(["view", "multiverse", "--out", str(out)])

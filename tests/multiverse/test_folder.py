@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.common.errors import BadInput, StudyError
-from study.multiverse.folder import FACTS, FILES, read, write
+from study.multiverse.folder import CELLS, EFFECTS, FACTS, FILES, REPEATS, read, write
 from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
 
@@ -66,5 +66,22 @@ def test_another_format(written: Path) -> None:
 def test_a_damaged_file(written: Path, name: str) -> None:
     path = written / name
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(StudyError, match="is damaged"):
+        read(written)
+
+
+@pytest.mark.parametrize("damage", [None, 3, {"settings": None}, {"versions": 3}])
+def test_facts_of_another_kind(written: Path, damage: object) -> None:
+    facts = json.loads((written / FACTS).read_text())
+    content = facts | damage if isinstance(damage, dict) else damage
+    (written / FACTS).write_text(json.dumps(content))
+    with pytest.raises(StudyError, match="is damaged"):
+        read(written)
+
+
+@pytest.mark.parametrize("name", [CELLS, EFFECTS, REPEATS])
+def test_a_table_without_universes(written: Path, name: str) -> None:
+    table = pd.read_parquet(written / name)
+    table.drop(columns="universe").to_parquet(written / name)
     with pytest.raises(StudyError, match="is damaged"):
         read(written)
