@@ -7,7 +7,8 @@ universe with its 95 % interval, in ascending order, in the colour of the verdic
 the effects of its other contrasts in grey. The scale is linear up to the smallest effect of
 interest and logarithmic beyond, so that a universe in which a model diverges hides no other.
 Below, a dot for the value that the universe has of each choice. Vertical lines mark the base
-readings. A further figure, ``verdicts``, shows the share of each verdict for every claim.
+readings. A further figure, ``verdicts``, shows the share of each verdict for every claim, and one
+more, ``vae_scores``, the scores of the two VAEs: see `paper_figs.vae_scores`.
 """
 
 import sys
@@ -24,6 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from paper_figs import vae_scores
 from paper_figs.command import command
 from study.claims.claim import Claim, Rule
 from study.claims.judge import CLAIMS, Outcome
@@ -53,7 +55,7 @@ MISSING = f"nothing to write: no {FACTS}; the folder is that of a study and not 
 
 
 def plot(results: Path) -> list[Path]:
-    """Write figures/specification_<claim>.png and verdicts.png, and all as curves.pdf.
+    """Write figures/specification_<claim>.png, verdicts.png and vae_scores.png; all as curves.pdf.
 
     A folder without a multiverse gets no figure.
 
@@ -73,6 +75,8 @@ def plot(results: Path) -> list[Path]:
     written = []
     with mpl.rc_context(style.context()), style.one_pdf(pdf):
         written += style.save(_verdicts(multiverse, claims), results / "figures" / "verdicts")
+        if (drawing := vae_scores.draw(multiverse)) is not None:
+            written += style.save(drawing, results / "figures" / "vae_scores")
         for claim in claims:
             stem = results / "figures" / f"specification_{claim.id}"
             written += style.save(_specification(multiverse, claim), stem)

@@ -40,6 +40,7 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     written = {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), found()),
         "orders": lambda: orders(found()),
+        "spread": lambda: spread(found()),
         "changes": lambda: changes(found(), "study"),
         "changes-as-written": lambda: changes(found(), "as_written"),
     }
@@ -103,6 +104,26 @@ def _count(status: "pd.Series[str]") -> str:
     if status.empty:
         return NOTHING
     return f"{(status == Status.HOLDS).sum()} / {(status == Status.CONTRADICTED).sum()}"
+
+
+def spread(results: Multiverse) -> str:
+    """How much the reading changes MMD²: its median and quartiles over all universes.
+
+    Args:
+        results: of the multiverse.
+    """
+    cells = results.cells[results.cells["model"].isin(MODELS)]
+    means = cells.groupby(["environment", "level", "model", "universe"])["mmd2"].mean()
+    rows = []
+    for environment, level in product(ENVIRONMENTS, LEVELS):
+        row = [f"{label(environment)}, {label(level)}"]
+        for model in MODELS:
+            of_model = means.get((environment, level, model), pd.Series(dtype=float))
+            first, median, third = of_model.quantile([0.25, 0.5, 0.75])
+            row.append(f"{median:.3f} ({first:.3f} to {third:.3f})" if len(of_model) else NOTHING)
+        if set(row[1:]) != {NOTHING}:
+            rows.append(row)
+    return pipe_table(["MMD²: median (quartiles)", *map(label, MODELS)], rows)
 
 
 def changes(results: Multiverse, base: str, level: str = "low") -> str:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from study.claims.claim import OURS, Claim
 from study.claims.judge import CLAIMS
-from study.config.names import ORACLE, label, markdown
+from study.config.names import FULL, ORACLE, RESIDUAL, label, markdown
 from study.metrics.intervals import basis, training_seeds
 from study.multiverse.choices import DASH, choices_page, claims_of, strongest_choice
 from study.multiverse.design import Choice, Universe
@@ -172,6 +172,11 @@ def _universe_table(multiverse: Multiverse) -> Iterator[str]:
         "MMD² is the mean over the environments, levels and seeds of the universe. The last column "
         f"has the values that differ from the reading *{reference}*.",
     )
+    if {FULL, RESIDUAL} <= set(models):
+        yield from (
+            "",
+            "![MMD² of the residual VAE against that of the full VAE](figures/vae_scores.png)",
+        )
 
 
 def _repeats(multiverse: Multiverse) -> Iterator[str]:

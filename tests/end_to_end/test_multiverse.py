@@ -109,8 +109,8 @@ def test_the_files(ran: tuple[Path, Done]) -> None:
     out, done = ran
     sums = read_checksums(out / "SHA256SUMS")
     assert all(sha256(out / name) == value for name, value in sums.items())
-    names = {"README.md", "choices.md", *FILES, "figures/curves.pdf", "figures/verdicts.png"}
-    assert names < set(sums)
+    figures = {f"figures/{name}" for name in ("curves.pdf", "verdicts.png", "vae_scores.png")}
+    assert {"README.md", "choices.md", *FILES, *figures} < set(sums)
     claim = "mmd-residual-lowest-pusher-low"
     assert f"figures/specification_{claim}.png" in sums
     check(out / "recordings" / "multiverse.rrd")

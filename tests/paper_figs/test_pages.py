@@ -177,6 +177,20 @@ def test_the_changes_are_relative_to_the_base_reading() -> None:
     assert len({row for row, _ in table}) == len(singles & set(results.scored))
 
 
+def test_the_spread_is_over_the_readings() -> None:
+    results = multiverse()
+    cells = results.cells[results.cells["model"] == RESIDUAL].reset_index(drop=True)
+    cells["mmd2"] = np.arange(len(cells)) / 10
+    both = pd.concat([cells, cells.assign(environment="uav", mmd2=1.0)])
+    table = _cells(multiverse_tables.spread(replace(results, cells=both)))
+    first, median, third = np.quantile(cells["mmd2"], [0.25, 0.5, 0.75])
+    entry = f"{median:.3f} ({first:.3f} to {third:.3f})"
+    assert table["Pusher, low epistemic", "residual VAE"] == entry
+    assert table["UAV, low epistemic", "residual VAE"] == "1.000 (1.000 to 1.000)"
+    assert table["UAV, low epistemic", "full VAE"] == "—"
+    assert {row for row, _ in table} == {"Pusher, low epistemic", "UAV, low epistemic"}
+
+
 def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:
     assert benchmark_tables.tables(tmp_path)["scale"]() == benchmark_tables.NOT_MEASURED
 
