@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import cache
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from study.claims.judge import Status
 from study.common.files import read_json
 from study.config.names import FULL, MLP, MODELS, RESIDUAL, label
 from study.multiverse import folder
-from study.multiverse.choices import strongest_choice
+from study.multiverse.choices import influence_on, strongest_choice
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
+from study.multiverse.influence import Influence
 from study.multiverse.report import counts_by_kind
 
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
@@ -40,6 +42,7 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     written = {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), found()),
         "orders": lambda: orders(found()),
+        "deciding": lambda: deciding(found()),
         "spread": lambda: spread(found()),
         "changes": lambda: changes(found(), "study"),
         "changes-as-written": lambda: changes(found(), "as_written"),
@@ -104,6 +107,42 @@ def _count(status: "pd.Series[str]") -> str:
     if status.empty:
         return NOTHING
     return f"{(status == Status.HOLDS).sum()} / {(status == Status.CONTRADICTED).sum()}"
+
+
+def deciding(results: Multiverse) -> str:
+    """What a regression on the choices explains of the advantage of the residual VAE.
+
+    An entry has the share of the variance of ranks that all choices explain (adjusted R²), then the
+    choices with a significant share, see `study.multiverse.influence.Influence`.
+
+    Args:
+        results: of the multiverse.
+    """
+    rows = []
+    for metric, environment, level in product(ORDERS, ENVIRONMENTS, LEVELS):
+        claim = f"{ORDERS[metric]}-{environment}-{level}"
+        row = [f"{metric}, {label(environment)}, {label(level)}"]
+        for other in (FULL, MLP):
+            contrast = f"{label(other)} minus {label(RESIDUAL)}"
+            row.append(_explained(influence_on(results, claim, contrast)))
+        if set(row[1:]) != {NOTHING}:
+            rows.append(row)
+    if not rows:
+        return "Too few readings have been run to tell the choices apart."
+    heads = [f"advantage over the {label(other)}" for other in (FULL, MLP)]
+    return pipe_table(["explained by all choices: by one choice", *heads], rows, align="---")
+
+
+def _explained(regression: Influence | None) -> str:
+    if regression is None:
+        return NOTHING
+    shares = sorted(regression.shares.items(), key=itemgetter(1), reverse=True)
+    significant = [
+        f"{label(choice)} {share:.0%}"
+        for choice, share in shares
+        if regression.is_significant(choice)
+    ]
+    return f"{regression.explained:.0%}: {', '.join(significant) or 'none'}"
 
 
 def spread(results: Multiverse) -> str:

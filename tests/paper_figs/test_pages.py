@@ -17,6 +17,7 @@ from study.claims.paper import BRIER
 from study.common.errors import BadInput
 from study.config.names import FULL, LABELS, MODELS, RESIDUAL
 from study.metrics.tables.table import select
+from study.multiverse.choices import influence_on
 from study.multiverse.effects import curve
 from tests.helpers.multiverse import multiverse
 from tests.paper_figs.known_scores import SAMPLES
@@ -175,6 +176,25 @@ def test_the_changes_are_relative_to_the_base_reading() -> None:
     assert table["target: state", "full VAE, Pusher"] == "failed"  # there is none
     singles = {u.name for u in results.universes if u.base == "study" and u.changed}
     assert len({row for row, _ in table}) == len(singles & set(results.scored))
+
+
+def test_what_the_choices_explain() -> None:
+    results = multiverse(random=24)
+    first = CLAIMS[0]
+    contrast = "full VAE minus residual VAE"
+    effects = results.effects[(results.effects["claim"] == first.id) & results.effects["decisive"]]
+    results = replace(results, effects=effects.assign(contrast=contrast))
+    found = influence_on(results, first.id, contrast)
+    assert found is not None
+    table = _cells(multiverse_tables.deciding(results))
+    assert {row for row, _ in table} == {"MMD², Pusher, low epistemic"}
+    entry = table["MMD², Pusher, low epistemic", "advantage over the full VAE"]
+    explained, _, choices = entry.partition(": ")
+    assert explained == f"{found.explained:.0%}"
+    assert choices.startswith(f"forecast {found.shares['forecast']:.0%}, ")
+    assert "features" not in choices  # it adds nothing
+    assert table["MMD², Pusher, low epistemic", "advantage over the probabilistic MLP"] == "—"
+    assert multiverse_tables.deciding(multiverse(random=0)).startswith("Too few readings")
 
 
 def test_the_spread_is_over_the_readings() -> None:
