@@ -112,37 +112,34 @@ def _count(status: "pd.Series[str]") -> str:
 def deciding(results: Multiverse) -> str:
     """What a regression on the choices explains of the advantage of the residual VAE.
 
-    An entry has the share of the variance of ranks that all choices explain (adjusted R²), then the
-    choices with a significant share, see `study.multiverse.influence.Influence`.
+    The columns: the share of the variance of ranks that all choices explain, the choice that
+    explains most without the others, and the choices that add a significant share to the others,
+    see `study.multiverse.influence.Influence`.
 
     Args:
         results: of the multiverse.
     """
     rows = []
-    for metric, environment, level in product(ORDERS, ENVIRONMENTS, LEVELS):
+    for other, metric, environment, level in product((FULL, MLP), ORDERS, ENVIRONMENTS, LEVELS):
         claim = f"{ORDERS[metric]}-{environment}-{level}"
-        row = [f"{metric}, {label(environment)}, {label(level)}"]
-        for other in (FULL, MLP):
-            contrast = f"{label(other)} minus {label(RESIDUAL)}"
-            row.append(_explained(influence_on(results, claim, contrast)))
-        if set(row[1:]) != {NOTHING}:
-            rows.append(row)
+        found = influence_on(results, claim, f"{label(other)} minus {label(RESIDUAL)}")
+        if found is not None:
+            where = f"over the {label(other)}: {metric}, {label(environment)}, {label(level)}"
+            rows.append([where, *_explained(found)])
     if not rows:
         return "Too few readings have been run to tell the choices apart."
-    heads = [f"advantage over the {label(other)}" for other in (FULL, MLP)]
-    return pipe_table(["explained by all choices: by one choice", *heads], rows, align="---")
+    heads = ["advantage of the residual VAE", "all choices", "the best choice alone"]
+    return pipe_table([*heads, "added to the others"], rows, align="---")
 
 
-def _explained(regression: Influence | None) -> str:
-    if regression is None:
-        return NOTHING
-    shares = sorted(regression.shares.items(), key=itemgetter(1), reverse=True)
-    significant = [
+def _explained(found: Influence) -> list[str]:
+    best, alone = max(found.alone.items(), key=itemgetter(1))
+    added = [
         f"{label(choice)} {share:.0%}"
-        for choice, share in shares
-        if regression.is_significant(choice)
+        for choice, share in sorted(found.shares.items(), key=itemgetter(1), reverse=True)
+        if found.is_significant(choice)
     ]
-    return f"{regression.explained:.0%}: {', '.join(significant) or 'none'}"
+    return [f"{found.explained:.0%}", f"{label(best)} {alone:.0%}", ", ".join(added) or NOTHING]
 
 
 def spread(results: Multiverse) -> str:

@@ -54,7 +54,10 @@ def choices_page(multiverse: Multiverse) -> str:
         "for the rank of the effect among the universes, in percent of their number. A universe in "
         "which a model diverges has a large effect, but a rank like any other. *Share*: of the "
         "variance of the ranks, what is lost without the choice, corrected for chance (ε²); in "
-        "bold if it is significant. The columns of the base readings "
+        "bold if it is significant. *Alone*: what the choice explains without the others (adjusted "
+        "R²). Choices that differ together between the base readings occur together in most "
+        "universes. They explain much alone, and add little to each other: then the design cannot "
+        "tell which of them decides. The columns of the base readings "
         "show the change of the effect when that reading is changed in this choice alone. If they "
         "differ from each other, the choice interacts with others.",
         "",
@@ -89,18 +92,19 @@ def _influence_table(
         "the variance of the ranks (adjusted R²)."
     )
     yield ""
-    heads = ["choice", "value", "universes", "change of the effect", "rank", "share"]
+    heads = ["choice", "value", "universes", "change of the effect", "rank", "share", "alone"]
     yield f"| {' | '.join([*heads, *(f'at {label(base)}' for base in bases)])} |"
-    yield f"|---|---|---:|---:|---:|---:|{'---:|' * len(bases)}"
+    yield f"|---|---|---:|---:|---:|---:|---:|{'---:|' * len(bases)}"
     order = sorted(regression.shares, key=regression.shares.__getitem__, reverse=True)
     for name in order:
         terms = [term for term in regression.terms if term.choice == name]
         for term in terms:
             at_bases = [_at_base(multiverse, regression.effects, base, term) for base in bases]
-            share = _share(regression, name) if term is terms[0] else ""
+            shares = [_share(regression, name), f"{regression.alone[name]:.0%}"]
+            shares = shares if term is terms[0] else ["", ""]
             changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
-            entries = [label(name), markdown(term.value), str(term.universes), *changes, share]
-            yield f"| {' | '.join([*entries, *at_bases])} |"
+            head = [label(name), markdown(term.value), str(term.universes)]
+            yield f"| {' | '.join([*head, *changes, *shares, *at_bases])} |"
 
 
 def _share(regression: Influence, choice: str) -> str:

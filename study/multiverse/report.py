@@ -40,7 +40,7 @@ def counts_by_kind(multiverse: Multiverse) -> list[str]:
 def _summary(multiverse: Multiverse) -> str:
     claims = claims_of(multiverse)
     lines = [
-        "# The claims in every reading of the paper",
+        "# The claims in many readings of the paper",
         "",
         _counts(multiverse),
         "",

@@ -38,13 +38,15 @@ def test_the_table_of_what_a_value_changes() -> None:
     found = influence_on(results, CLAIMS[0].id)
     assert found is not None
     term = next(term for term in found.terms if (term.choice, term.value) == ("target", "state"))
-    ((_, value, universes, change, rank, share, study, as_written),) = rows_of(page, "| target")
+    ((_, value, universes, change, rank, share, alone, *at),) = rows_of(page, "| target")
     assert value == "state"
     assert universes == str(term.universes)
     of_effect, of_rank = term.effect, term.rank
     assert change == f"**{of_effect.mean:+.4f} [{of_effect.low:+.4f}, {of_effect.high:+.4f}]**"
     assert rank == f"**{of_rank.mean:+.0%} [{of_rank.low:+.0%}, {of_rank.high:+.0%}]**"
     assert share == f"**{found.shares['target']:.0%}**"
+    assert alone == f"{found.alone['target']:.0%}"
+    study, as_written = at
     effects = curve(results.effects, CLAIMS[0].id).set_index("universe")["effect"]
     assert study == f"{effects['study/target=state'] - effects['study']:+.4f}"
     # The base reading has the value, and the universe that is changed has the first value.

@@ -187,13 +187,13 @@ def test_what_the_choices_explain() -> None:
     found = influence_on(results, first.id, contrast)
     assert found is not None
     table = _cells(multiverse_tables.deciding(results))
-    assert {row for row, _ in table} == {"MMD², Pusher, low epistemic"}
-    entry = table["MMD², Pusher, low epistemic", "advantage over the full VAE"]
-    explained, _, choices = entry.partition(": ")
-    assert explained == f"{found.explained:.0%}"
-    assert choices.startswith(f"forecast {found.shares['forecast']:.0%}, ")
-    assert "features" not in choices  # it adds nothing
-    assert table["MMD², Pusher, low epistemic", "advantage over the probabilistic MLP"] == "—"
+    row = "over the full VAE: MMD², Pusher, low epistemic"
+    assert {name for name, _ in table} == {row}
+    assert table[row, "all choices"] == f"{found.explained:.0%}"
+    assert table[row, "the best choice alone"] == f"forecast {found.alone['forecast']:.0%}"
+    added = table[row, "added to the others"]
+    assert added.startswith(f"forecast {found.shares['forecast']:.0%}, ")
+    assert "features" not in added  # it adds nothing
     assert multiverse_tables.deciding(multiverse(random=0)).startswith("Too few readings")
 
 
