@@ -91,6 +91,11 @@ KINDS = {
         "ascending order, in the colour of the verdict, on a scale that is linear near zero and "
         "logarithmic elsewhere. Dots below show which value of each choice a universe has.",
     ),
+    "vae_scores": (
+        "The two VAEs in all universes",
+        "MMD² of the residual VAE over that of the full VAE, a point for each universe and level, "
+        "one panel for each environment. Below the diagonal the residual VAE is better.",
+    ),
     "verdicts": (
         "Verdicts in all universes",
         "The share of universes with each verdict, for every claim.",

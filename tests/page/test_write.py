@@ -11,7 +11,7 @@ import pytest
 
 from study.common.errors import BadInput
 from study.common.files import read_json, write_json
-from study.config.names import FULL
+from study.config.names import FULL, RESIDUAL
 from study.multiverse import folder
 from study.page.write import NAME, write_page
 from tests.helpers.multiverse import multiverse
@@ -173,11 +173,15 @@ def test_a_study_with_scores_alone(published: Path, tmp_path: Path) -> None:
 
 def test_a_multiverse_shows_its_specification_curves_and_failures(tmp_path: Path) -> None:
     found = multiverse()
-    folder.write(replace(found, facts={"settings": {"name": EVIL}}), tmp_path)
+    full = found.cells[found.cells["model"] == RESIDUAL].assign(model=FULL)
+    cells = pd.concat([found.cells, full], ignore_index=True)
+    facts = {"settings": {"name": EVIL}, "versions": {}}
+    folder.write(replace(found, cells=cells, facts=facts), tmp_path)
     text = write_page(tmp_path).read_text(encoding="utf-8")
     sections = [attributes["id"] for tag, attributes in Page(text).elements if tag == "section"]
     assert sections[:2] == ["question", "multiverse"]
     assert text.count('id="figure-specification_') == 4
+    assert text.count('id="figure-vae_scores') == 1
     assert "universes, in the order of the effect</text>" in text
     assert "train pusher/low/full_vae/seed-0: it | broke" in text
     assert EVIL not in text
