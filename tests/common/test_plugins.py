@@ -14,7 +14,10 @@ MODULES = {
     "undefined": ("x = 1\ny = z\n", r"cannot import '{}': NameError: .* \(.*{}\.py, line 2\)"),
     "missing": ("import nowhere_to_be\n", "cannot import '{}': No module named 'nowhere_to_be'"),
     "exits": ("raise SystemExit(3)\n", "cannot import '{}': SystemExit: 3"),
-    "nul": ("x = '\0'\n", "cannot import '{}': (ValueError: )?source code string cannot contain null bytes"),
+    "nul": (  # Python before 3.11.4 raises a ValueError, and no SyntaxError
+        "x = '\0'\n",
+        "cannot import '{}': (ValueError: )?source code string cannot contain null bytes",
+    ),
     "no_model": (
         HEAD + "@models.register('mine')\nclass Mine: pass\n",
         r"{}\.Mine is not a subclass of study\.models\.Model",
