@@ -14,12 +14,12 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from paper_figs.formatting import title
 from study.config.names import FULL, RESIDUAL, label
+from study.multiverse.design import RANDOM
 from study.multiverse.folder import Multiverse
 from study.plotting.png import WIDTH
 
 COLOURS = ("#0072b2", "#d55e00", "#707070")
 """Of the universes around each base reading, and of those with random values."""
-RANDOM = "random values"
 MARKS = ("o", "^", "s", "D")
 """Of the epistemic levels."""
 
@@ -31,7 +31,7 @@ def scores(multiverse: Multiverse) -> pd.DataFrame:
         a row for each universe, environment and level in which both have a finite score, with the
         columns `FULL` and `RESIDUAL` and the `group` of the universe: its base reading or `RANDOM`.
     """
-    groups = {u.name: u.base or RANDOM for u in multiverse.universes}
+    groups = {universe.name: universe.group for universe in multiverse.universes}
     cells = multiverse.cells[multiverse.cells["model"].isin([FULL, RESIDUAL])]
     at = ["universe", "environment", "level"]
     means = cells.groupby([*at, "model"], sort=False)["mmd2"].mean().unstack("model")
@@ -93,7 +93,7 @@ def _axes(axes: Axes, rows: pd.DataFrame) -> None:
     axes.text(
         0.97,
         0.03,
-        f"{title(label(RESIDUAL))} better",
+        f"{title(RESIDUAL)} better",
         transform=axes.transAxes,
         ha="right",
         fontsize=6,
@@ -101,7 +101,7 @@ def _axes(axes: Axes, rows: pd.DataFrame) -> None:
     axes.text(
         0.03,
         0.97,
-        f"{title(label(FULL))} better",
+        f"{title(FULL)} better",
         transform=axes.transAxes,
         va="top",
         fontsize=6,

@@ -18,6 +18,7 @@ from study.common.files import read_json
 from study.config.names import FULL, MLP, MODELS, RESIDUAL, label
 from study.multiverse import folder
 from study.multiverse.choices import influence_on, strongest_choice
+from study.multiverse.design import RANDOM
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.multiverse.influence import Influence
@@ -25,7 +26,6 @@ from study.multiverse.report import counts_by_kind
 
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
 """The claims on the order of the models, by the metric."""
-RANDOM = "random values"
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
 ENVIRONMENTS, LEVELS = ("pusher", "uav"), ("low", "high")
 
@@ -84,10 +84,10 @@ def orders(results: Multiverse) -> str:
     Args:
         results: of the multiverse.
     """
-    base = {u.name: RANDOM if u.base is None else u.base for u in results.universes}
-    count = pd.Series(base)[results.scored].value_counts()
+    group_of = {universe.name: universe.group for universe in results.universes}
+    count = pd.Series(group_of)[results.scored].value_counts()
     groups = [group for group in (*results.design.bases, RANDOM) if group in count.index]
-    effects = results.effects.assign(group=results.effects["universe"].map(base))
+    effects = results.effects.assign(group=results.effects["universe"].map(group_of))
     effects = effects[effects["effect"].notna()].set_index(["claim", "contrast", "group"])
     rows = []
     for metric, environment, level in product(ORDERS, ENVIRONMENTS, LEVELS):

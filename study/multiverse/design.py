@@ -12,6 +12,8 @@ from study.common.errors import BadInput, shown
 from study.config.settings import Config
 from study.config.tree import config_of, values_of
 
+RANDOM = "random values"
+"""The group of the universes with random values."""
 Values = Mapping[str, str]
 """The name of a value for each choice, by the name of the choice."""
 
@@ -115,6 +117,11 @@ class Universe:
         if self.base is None:
             return "random"
         return "one change" if self.changed else "base"
+
+    @property
+    def group(self) -> str:
+        """The base reading around which the universe is, or `RANDOM`."""
+        return self.base or RANDOM
 
 
 def check_settings(config: Config, design: Design) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from paper_figs import specification_curve, vae_scores
 from study.config.names import FULL, MLP, RESIDUAL
+from study.multiverse.design import RANDOM
 from study.multiverse.folder import Multiverse, write
 from study.plotting import style
 from tests.helpers.multiverse import multiverse
@@ -35,7 +36,7 @@ def test_the_scores_are_means_over_seeds_with_the_group_of_the_universe() -> Non
     groups = rows["group"].groupby("universe").first()
     assert groups["as_written"] == "as_written"
     assert groups["study/target=state"] == "study"
-    assert groups["random-03"] == vae_scores.RANDOM
+    assert groups["random-03"] == RANDOM
 
 
 def test_a_universe_without_a_score_is_left_out() -> None:
