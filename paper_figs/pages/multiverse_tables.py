@@ -1,6 +1,6 @@
 """The tables of the multiverse: every claim in every reading, and the effect of each choice."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import product
 from operator import itemgetter
@@ -17,11 +17,12 @@ from study.claims.judge import Status
 from study.common.files import read_json
 from study.config.names import FULL, MLP, MODELS, RESIDUAL, label
 from study.multiverse import folder
-from study.multiverse.choices import influence_on, strongest_choice
+from study.multiverse.choices import each_alone, influence_on, strongest_choice
 from study.multiverse.design import RANDOM
 from study.multiverse.effects import VERDICTS, curve, judged, shares
 from study.multiverse.folder import Multiverse
 from study.multiverse.influence import Influence
+from study.multiverse.one_way import OneWay
 from study.multiverse.report import counts_by_kind
 
 ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
@@ -113,8 +114,9 @@ def deciding(results: Multiverse) -> str:
     """What a regression on the choices explains of the advantage of the residual VAE.
 
     The columns: the share of the variance of ranks that all choices explain, the choice that
-    explains most without the others, and the choices that add a significant share to the others,
-    see `study.multiverse.influence.Influence`.
+    explains most without the others, the choices that add a significant share to the others, and
+    the choice that explains most over the readings with random values. See
+    `study.multiverse.influence.Influence` and `study.multiverse.one_way.OneWay`.
 
     Args:
         results: of the multiverse.
@@ -122,24 +124,36 @@ def deciding(results: Multiverse) -> str:
     rows = []
     for other, metric, environment, level in product((FULL, MLP), ORDERS, ENVIRONMENTS, LEVELS):
         claim = f"{ORDERS[metric]}-{environment}-{level}"
-        found = influence_on(results, claim, f"{label(other)} minus {label(RESIDUAL)}")
+        of = (results, claim, f"{label(other)} minus {label(RESIDUAL)}")
+        found = influence_on(*of)
         if found is not None:
             where = f"over the {label(other)}: {metric}, {label(environment)}, {label(level)}"
-            rows.append([where, *_explained(found)])
+            alone, random = _best(each_alone(*of)), _best(each_alone(*of, RANDOM), marked=True)
+            rows.append([where, f"{found.explained:.0%}", alone, _added(found), random])
     if not rows:
         return "Too few readings have been run to tell the choices apart."
     heads = ["advantage of the residual VAE", "all choices", "the best choice alone"]
-    return pipe_table([*heads, "added to the others"], rows, align="---")
+    heads += ["added to the others", "the best choice with random values"]
+    return pipe_table(heads, rows, align="---")
 
 
-def _explained(found: Influence) -> list[str]:
-    best, alone = max(found.alone.items(), key=itemgetter(1))
+def _best(alone: Mapping[str, OneWay], *, marked: bool = False) -> str:
+    """The choice with the largest share; if it is to be marked, in bold where significant."""
+    if not alone:
+        return NOTHING
+    choice, best = max(alone.items(), key=lambda item: item[1].share)
+    text = f"{label(choice)} {best.share:.0%}"
+    return f"**{text}**" if marked and best.is_significant else text
+
+
+def _added(found: Influence) -> str:
+    """The choices that add a significant share to the others."""
     added = [
         f"{label(choice)} {share:.0%}"
         for choice, share in sorted(found.shares.items(), key=itemgetter(1), reverse=True)
         if found.is_significant(choice)
     ]
-    return [f"{found.explained:.0%}", f"{label(best)} {alone:.0%}", ", ".join(added) or NOTHING]
+    return ", ".join(added) or NOTHING
 
 
 def spread(results: Multiverse) -> str:

@@ -8,13 +8,37 @@ import pandas as pd
 from study.claims.claim import Claim
 from study.claims.judge import CLAIMS
 from study.config.names import label, markdown
+from study.multiverse.design import RANDOM
 from study.multiverse.effects import curve, judged, support
 from study.multiverse.folder import Multiverse
 from study.multiverse.influence import Change, Influence, Term, influence
+from study.multiverse.one_way import OneWay, one_way
 
 DASH = "–"
 CONTRASTS = 3
 """A claim with up to as many contrasts has a table for each of them."""
+INTRODUCTION = """\
+Each value of a choice is compared with the first value of the choice.
+
+- *Change of the effect*: its mean, by a linear regression on all choices over all universes,
+  without interactions, with a 95 % t interval (HC3). In bold: the interval excludes zero.
+- *Rank*: the same for the rank of the effect among the universes, in percent of their number. A
+  universe in which a model diverges has a large effect, but a rank like any other.
+- *Share*: of the variance of the ranks, what the regression loses without the choice, corrected
+  for chance (ε²). In bold: it is significant.
+- *Alone*: what the choice explains without the others (ε²). Choices that differ together between
+  the base readings occur together in most universes. They explain much alone, and add little to
+  each other: then the regression cannot tell which of them decides.
+- *Random: rank* and *random: alone*: over the universes with random values alone. There, choices
+  do not occur together, but for the excluded combinations. The difference of mean ranks, and the
+  share. In bold: it is significant.
+- *At* a base reading: the change of the effect when that reading is changed in this choice alone.
+  If two base readings differ, the choice interacts with others.
+
+The first table of a claim is about its decisive contrast, the one with the smallest effect in a
+universe. It may be another contrast in another universe, so a claim of two or three contrasts has a
+table for each of them too. For a claim that two scores are comparable, the effect is the margin
+minus the absolute difference. An effect that is not finite is left out.""".splitlines()
 
 
 def claims_of(multiverse: Multiverse) -> list[Claim]:
@@ -27,9 +51,30 @@ def influence_on(
     multiverse: Multiverse, claim: str, contrast: str | None = None
 ) -> Influence | None:
     """The regression of the support for a claim on the choices, see `curve` for the arguments."""
+    effects = _support(multiverse, claim, contrast)
+    return influence(effects, multiverse.values, multiverse.design.choices)
+
+
+def each_alone(
+    multiverse: Multiverse, claim: str, contrast: str | None = None, group: str | None = None
+) -> dict[str, OneWay]:
+    """What each choice explains of the support for a claim without the others.
+
+    Args:
+        multiverse: the results.
+        claim: the identity of the claim.
+        contrast: see `curve`.
+        group: only the universes of this group, see `Universe.group`.
+    """
+    effects = _support(multiverse, claim, contrast)
+    chosen = [u.name for u in multiverse.universes if group in (None, u.group)]
+    effects = effects[effects.index.isin(chosen)]
+    return one_way(effects, multiverse.values, multiverse.design.choices)
+
+
+def _support(multiverse: Multiverse, claim: str, contrast: str | None) -> "pd.Series[float]":
     rule = next(known.rule for known in CLAIMS if known.id == claim)
-    found = support(curve(multiverse.effects, claim, contrast), rule)
-    return influence(found, multiverse.values, multiverse.design.choices)
+    return support(curve(multiverse.effects, claim, contrast), rule)
 
 
 def strongest_choice(multiverse: Multiverse, claim: str) -> str | None:
@@ -48,24 +93,7 @@ def choices_page(multiverse: Multiverse) -> str:
     lines = [
         "# Which choice moves the effect of each claim",
         "",
-        "For each value of a choice: the mean change of the effect relative to the first "
-        "value of the choice, by a linear regression over all universes without interactions, with "
-        "a 95 % t interval (HC3). A change in bold has an interval without zero. *Rank*: the same "
-        "for the rank of the effect among the universes, in percent of their number. A universe in "
-        "which a model diverges has a large effect, but a rank like any other. *Share*: of the "
-        "variance of the ranks, what is lost without the choice, corrected for chance (ε²); in "
-        "bold if it is significant. *Alone*: what the choice explains without the others (adjusted "
-        "R²). Choices that differ together between the base readings occur together in most "
-        "universes. They explain much alone, and add little to each other: then the design cannot "
-        "tell which of them decides. The columns of the base readings "
-        "show the change of the effect when that reading is changed in this choice alone. If they "
-        "differ from each other, the choice interacts with others.",
-        "",
-        "The first table of a claim is about its decisive contrast, the one with the smallest "
-        "effect in a universe. It may be another contrast in another universe, so a claim of two "
-        "or three contrasts has a table for each of them too. For a claim that two scores are "
-        "comparable, the effect is the margin minus the absolute difference. An effect that is not "
-        "finite is left out.",
+        *INTRODUCTION,
         "",
     ]
     for claim in claims_of(multiverse):
@@ -93,23 +121,34 @@ def _influence_table(
     )
     yield ""
     heads = ["choice", "value", "universes", "change of the effect", "rank", "share", "alone"]
-    yield f"| {' | '.join([*heads, *(f'at {label(base)}' for base in bases)])} |"
-    yield f"|---|---|---:|---:|---:|---:|---:|{'---:|' * len(bases)}"
+    heads += ["random: rank", "random: alone", *(f"at {label(base)}" for base in bases)]
+    yield f"| {' | '.join(heads)} |"
+    yield f"|---|---|{'---:|' * (len(heads) - 2)}"
+    alone, random = (each_alone(multiverse, claim.id, contrast, group) for group in (None, RANDOM))
     order = sorted(regression.shares, key=regression.shares.__getitem__, reverse=True)
     for name in order:
         terms = [term for term in regression.terms if term.choice == name]
         for term in terms:
             at_bases = [_at_base(multiverse, regression.effects, base, term) for base in bases]
-            shares = [_share(regression, name), f"{regression.alone[name]:.0%}"]
-            shares = shares if term is terms[0] else ["", ""]
-            changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
             head = [label(name), markdown(term.value), str(term.universes)]
-            yield f"| {' | '.join([*head, *changes, *shares, *at_bases])} |"
+            changes = [_change(term.effect, "{:+.4f}"), _change(term.rank, "{:+.0%}")]
+            share = _share(regression.shares[name], regression.is_significant(name))
+            shares = [share, f"{alone[name].share:.0%}"] if term is terms[0] else ["", ""]
+            randoms = list(_random(random.get(name), term, term is terms[0]))
+            yield f"| {' | '.join([*head, *changes, *shares, *randoms, *at_bases])} |"
 
 
-def _share(regression: Influence, choice: str) -> str:
-    text = f"{regression.shares[choice]:.0%}"
-    return f"**{text}**" if regression.is_significant(choice) else text
+def _random(found: OneWay | None, term: Term, is_first: bool) -> tuple[str, str]:
+    """The rank of a value and the share of its choice, over the universes with random values."""
+    if found is None:
+        return DASH, DASH if is_first else ""
+    rank = found.ranks.get(term.value)
+    share = _share(found.share, found.is_significant) if is_first else ""
+    return DASH if rank is None else f"{rank:+.0%}", share
+
+
+def _share(share: float, is_significant: bool) -> str:
+    return f"**{share:.0%}**" if is_significant else f"{share:.0%}"
 
 
 def _change(change: Change, form: str) -> str:

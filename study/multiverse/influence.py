@@ -22,10 +22,8 @@ from scipy import stats
 from study.common.arrays import Doubles
 from study.metrics.intervals import PROBABILITY
 from study.multiverse.design import Choice, Values
+from study.multiverse.one_way import SIGNIFICANCE, TINY
 
-SIGNIFICANCE = 0.05
-TINY = 1e-12
-"""Smallest mean squared error of a regression of ranks, for one without error."""
 FULL_LEVERAGE = 1 - 1e-9
 """Leverage of a universe that alone determines a term. Its scatter is unknown."""
 
@@ -68,8 +66,6 @@ class Influence:
         shares: share of the variance of the ranks that is lost if a choice is left out of the
             regression, by choice: the semipartial R², corrected for what a choice without effect
             explains by chance (ε² of Kelley 1935), and at least 0.
-        alone: share of that variance that a choice explains without the others (adjusted R²), by
-            choice. It is larger than the share where choices occur together.
         p_values: of the F test of a choice on the ranks, by choice.
         explained: share of that variance that all choices explain (adjusted R²).
     """
@@ -77,7 +73,6 @@ class Influence:
     effects: "pd.Series[float]"
     terms: tuple[Term, ...]
     shares: Mapping[str, float]
-    alone: Mapping[str, float]
     p_values: Mapping[str, float]
     explained: float
 
@@ -122,18 +117,12 @@ def influence(
     whole = _residual(design, ranks)
     error = whole / (count - terms)
 
-    def adjusted(residual: float, freedom: int) -> float:
-        return max(1 - residual / freedom * (count - 1) / total, 0.0) if total else 0.0
-
-    shares, alone, p_values = {}, {}, {}
+    shares, p_values = {}, {}
     for choice in dict.fromkeys(choice for choice, _ in columns):
-        own = [column for (name, _), column in columns.items() if name == choice]
         others = [column for (name, _), column in columns.items() if name != choice]
         gain = _residual(np.column_stack([np.ones(count), *others]), ranks) - whole
-        freedom = len(own)
-        shares[choice] = max(gain - freedom * error, 0.0) / total if total else 0.0
-        without_others = _residual(np.column_stack([np.ones(count), *own]), ranks)
-        alone[choice] = adjusted(without_others, count - freedom - 1)
+        freedom = len(columns) - len(others)
+        shares[choice] = max(gain - freedom * error, 0.0) / total if total > TINY else 0.0
         ratio = gain / freedom / max(error, TINY)
         p_values[choice] = float(stats.f.sf(ratio, freedom, count - terms))
     of_effect, of_rank = _changes(design, outcome), _changes(design, ranks)
@@ -143,8 +132,8 @@ def influence(
             columns.items(), of_effect, of_rank, strict=True
         )
     ]
-    explained = adjusted(whole, count - terms)
-    return Influence(finite, tuple(found), shares, alone, p_values, explained)
+    explained = max(1 - error * (count - 1) / total, 0.0) if total else 0.0
+    return Influence(finite, tuple(found), shares, p_values, explained)
 
 
 def _changes(design: Doubles, outcome: Doubles) -> list[Change]:

@@ -14,7 +14,7 @@ from study.multiverse.choices import DASH, choices_page, claims_of, strongest_ch
 from study.multiverse.design import Choice, Universe
 from study.multiverse.effects import VERDICTS, curve, shares
 from study.multiverse.folder import Multiverse
-from study.multiverse.influence import SIGNIFICANCE
+from study.multiverse.one_way import SIGNIFICANCE
 
 KINDS = {
     "base": "base readings",

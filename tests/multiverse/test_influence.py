@@ -44,21 +44,6 @@ def test_the_shares_are_in_the_order_of_the_changes() -> None:
     assert found.explained > 0.95
 
 
-def test_what_a_choice_explains_alone() -> None:
-    """The adjusted R² of a regression on one choice, by another library."""
-    results = multiverse(**BIG)
-    found = regression()
-    ranks = found.effects.rank()
-    for choice in results.design.choices:
-        values = pd.Series({name: v[choice.name] for name, v in results.values.items()})
-        columns = pd.get_dummies(values[ranks.index]).to_numpy(np.float64)[:, 1:]
-        r2 = LinearRegression().fit(columns, ranks).score(columns, ranks)
-        count, terms = columns.shape
-        expected = 1 - (1 - r2) * (count - 1) / (count - terms - 1)
-        assert found.alone[choice.name] == pytest.approx(max(expected, 0.0))
-    assert max(found.alone, key=found.alone.__getitem__) == "forecast"
-
-
 def test_a_universe_with_a_large_effect_does_not_decide() -> None:
     """A model that diverges adds much to one effect: not to its rank, nor to the shares."""
     results = multiverse(**BIG)

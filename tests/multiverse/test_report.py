@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from study.claims.judge import CLAIMS
-from study.multiverse.choices import influence_on
+from study.multiverse.choices import each_alone, influence_on
+from study.multiverse.design import RANDOM
 from study.multiverse.effects import curve, join
 from study.multiverse.report import pages
 from tests.helpers.multiverse import multiverse
@@ -38,15 +39,18 @@ def test_the_table_of_what_a_value_changes() -> None:
     found = influence_on(results, CLAIMS[0].id)
     assert found is not None
     term = next(term for term in found.terms if (term.choice, term.value) == ("target", "state"))
-    ((_, value, universes, change, rank, share, alone, *at),) = rows_of(page, "| target")
+    ((_, value, universes, change, rank, share, *alone, study, as_written),) = rows_of(
+        page, "| target"
+    )
     assert value == "state"
     assert universes == str(term.universes)
     of_effect, of_rank = term.effect, term.rank
     assert change == f"**{of_effect.mean:+.4f} [{of_effect.low:+.4f}, {of_effect.high:+.4f}]**"
     assert rank == f"**{of_rank.mean:+.0%} [{of_rank.low:+.0%}, {of_rank.high:+.0%}]**"
     assert share == f"**{found.shares['target']:.0%}**"
-    assert alone == f"{found.alone['target']:.0%}"
-    study, as_written = at
+    every, random = (each_alone(results, CLAIMS[0].id, group=g)["target"] for g in (None, RANDOM))
+    marked = f"**{random.share:.0%}**" if random.is_significant else f"{random.share:.0%}"
+    assert alone == [f"{every.share:.0%}", f"{random.ranks['state']:+.0%}", marked]
     effects = curve(results.effects, CLAIMS[0].id).set_index("universe")["effect"]
     assert study == f"{effects['study/target=state'] - effects['study']:+.4f}"
     # The base reading has the value, and the universe that is changed has the first value.

@@ -17,7 +17,8 @@ from study.claims.paper import BRIER
 from study.common.errors import BadInput
 from study.config.names import FULL, LABELS, MODELS, RESIDUAL
 from study.metrics.tables.table import select
-from study.multiverse.choices import influence_on
+from study.multiverse.choices import each_alone, influence_on
+from study.multiverse.design import RANDOM
 from study.multiverse.effects import curve
 from tests.helpers.multiverse import multiverse
 from tests.paper_figs.known_scores import SAMPLES
@@ -190,7 +191,12 @@ def test_what_the_choices_explain() -> None:
     row = "over the full VAE: MMD², Pusher, low epistemic"
     assert {name for name, _ in table} == {row}
     assert table[row, "all choices"] == f"{found.explained:.0%}"
-    assert table[row, "the best choice alone"] == f"forecast {found.alone['forecast']:.0%}"
+    every, random = (
+        each_alone(results, first.id, contrast, group)["forecast"] for group in (None, RANDOM)
+    )
+    assert table[row, "the best choice alone"] == f"forecast {every.share:.0%}"
+    assert random.is_significant
+    assert table[row, "the best choice with random values"] == f"**forecast {random.share:.0%}**"
     added = table[row, "added to the others"]
     assert added.startswith(f"forecast {found.shares['forecast']:.0%}, ")
     assert "features" not in added  # it adds nothing

@@ -1,0 +1,87 @@
+"""What one choice explains of an effect without the others: an analysis of variance of ranks.
+
+The effects are replaced by their ranks, as in `study.multiverse.influence`, so a universe in which
+a model diverges counts like any other.
+
+Over all universes, choices that differ together between the base readings occur together, so each
+of them explains what the others explain too. Over the universes with random values, the choices are
+independent but for the excluded combinations. There the share of a choice is its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from study.common.arrays import Doubles
+from study.multiverse.design import Choice, Values
+
+SIGNIFICANCE = 0.05
+TINY = 1e-12
+"""Smallest sum of squares of ranks, and smallest mean squared error, that is not rounding."""
+
+
+@dataclass(frozen=True)
+class OneWay:
+    """The analysis of one choice.
+
+    Attributes:
+        share: share of the variance of the ranks between the values of the choice, corrected for
+            what a choice without effect explains by chance, and at least 0: ε² of Kelley (1935),
+            which is the adjusted R².
+        p_value: of the F test.
+        ranks: the mean rank with a value minus that with the first value, as a share of all
+            universes, by value.
+        choices: number of choices that are analysed.
+    """
+
+    share: float
+    p_value: float
+    ranks: Mapping[str, float]
+    choices: int
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the share is not due to chance, by the F test.
+
+        The level is `SIGNIFICANCE`, divided by the number of choices (Bonferroni).
+        """
+        return self.p_value < SIGNIFICANCE / self.choices
+
+
+def one_way(
+    effects: "pd.Series[float]", values: Mapping[str, Values], choices: Sequence[Choice]
+) -> dict[str, OneWay]:
+    """Analyse an effect by each choice, without the other choices.
+
+    Args:
+        effects: the effect by the name of the universe. Effects that are not finite are left out.
+        values: the values of each universe.
+        choices: of the design. Those that do not vary between the universes are left out, and so
+            are those with a universe for each value, whose scatter is unknown.
+    """
+    finite = effects[np.isfinite(effects)]
+    ranks: Doubles = np.asarray(finite.rank().to_numpy(), np.float64) / max(len(finite), 1)
+    grouped = {}
+    for choice in choices:
+        chosen = np.array([values[str(name)][choice.name] for name in finite.index], dtype=object)
+        groups = {value: ranks[chosen == value] for value in choice.values if value in chosen}
+        if 1 < len(groups) < len(finite):
+            grouped[choice.name] = groups
+    return {name: _analyse(groups, len(grouped)) for name, groups in grouped.items()}
+
+
+def _analyse(groups: Mapping[str, Doubles], choices: int) -> OneWay:
+    ranks = np.concatenate(list(groups.values()))
+    means = {value: float(group.mean()) for value, group in groups.items()}
+    total = float(((ranks - ranks.mean()) ** 2).sum())
+    within = sum(float(((group - means[value]) ** 2).sum()) for value, group in groups.items())
+    between, freedom = len(groups) - 1, len(ranks) - len(groups)
+    error = within / freedom
+    share = max(total - within - between * error, 0.0) / total if total > TINY else 0.0
+    ratio = (total - within) / between / max(error, TINY)
+    p_value = float(stats.f.sf(ratio, between, freedom))
+    first, *others = means
+    return OneWay(share, p_value, {value: means[value] - means[first] for value in others}, choices)
