@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from study.commands.command import Argument, Command, Flag, StudyOptions
 from study.commands.estimate import estimate, in_words
@@ -23,13 +24,17 @@ from study.workflow.lock import locked
 from study.workflow.store import Store
 from study.workflow.task import Task
 
+if TYPE_CHECKING:
+    from study.results.reuse import Reusable
+
 ACTIONS = ("run", "plan")
 
 DETAILS = """\
 The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
 part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
 multiverse continues where it stopped; after a new value or choice, only what is new runs. Parts
-that ran on several machines are joined: see `join --help`.
+that ran on several machines are joined: see `join --help`. With --reuse, universes that another
+multiverse has with the same settings do not run: their results are taken from there.
 OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, repeats.parquet,
 figures/ and recordings/multiverse.rrd.
 
@@ -41,7 +46,8 @@ examples
   python -m study.run multiverse plan
   python -m study.run multiverse
   python -m study.run multiverse --universes 'as_written*' --out results/readings
-  python -m study.run multiverse --grid.seeds '[0, 1]' --engine.workers 8"""
+  python -m study.run multiverse --grid.seeds '[0, 1]' --engine.workers 8
+  python -m study.run multiverse --config mine.yaml --reuse results/multiverse --out results/mine"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +57,7 @@ class Options(StudyOptions):
     Attributes:
         what: one of `ACTIONS`.
         universes: a pattern of names of universes; None for all.
+        reuse: the folder of a multiverse with results to take; None for none.
         multiverse: the part of the file of settings with the design.
     """
 
@@ -59,6 +66,7 @@ class Options(StudyOptions):
     universes: Annotated[str | None, Flag("universes whose name matches, such as 'random-*'")] = (
         None
     )
+    reuse: Annotated[Path | None, Flag("results folder of a multiverse: take what it has")] = None
 
 
 def run(options: Options) -> int:
@@ -72,10 +80,11 @@ def run(options: Options) -> int:
     configs = {
         universe.name: config_of_universe(options.config, design, universe) for universe in every
     }
+    reusable = _reusable(options, configs)
     if options.what == "plan":
-        return _print_plan(options, design, selected, configs)
+        return _print_plan(options, design, selected, configs, reusable)
     check_writable(options.out)
-    return _run(options, design, every, selected, configs)
+    return _run(options, design, every, selected, configs, reusable)
 
 
 def select(every: Sequence[Universe], pattern: str | None) -> list[Universe]:
@@ -93,19 +102,33 @@ def select(every: Sequence[Universe], pattern: str | None) -> list[Universe]:
     return chosen
 
 
+def _reusable(options: Options, configs: dict[str, Config]) -> "Reusable | None":
+    """The results to take from another multiverse."""
+    from study.results.reuse import find
+
+    if options.reuse is None:
+        return None
+    if options.only is not None:
+        raise BadInput("--reuse: takes whole universes; leave out --only")
+    return find(options.reuse, configs, _evaluations(configs, None))
+
+
 def _run(
     options: Options,
     design: Design,
     every: Sequence[Universe],
     selected: Sequence[Universe],
     configs: dict[str, Config],
+    reusable: "Reusable | None",
 ) -> int:
     from study.results import multiverse as results
     from study.results.protection_multiverse import why_refused
+    from study.results.reuse import add
 
+    reused = reusable.names if reusable else {}
     out, terminal = options.out, console()
     tasks = _evaluations(configs, options.only)
-    chosen = {universe.name: tasks[universe.name] for universe in selected}
+    chosen = {u.name: tasks[u.name] for u in selected if u.name not in reused}
     create(out)
     store = Store(out / "work")
     all_cells = tasks if options.only is None else _evaluations(configs, None)
@@ -114,13 +137,15 @@ def _run(
         with_all_cells = computed if options.only is None else ()
         return why_refused(configs, with_all_cells, all_cells, store, out)
 
-    if refused := why_not(chosen):
+    if refused := why_not({*chosen, *reused}):
         raise BadInput(f"--out: {refused}; give another --out")
     with locked(out) as lock:
-        say(terminal, f"{len(selected)} universes of {len(every)} in the design")
+        taken = f"; {len(reused)} are taken from {options.reuse}" if reused else ""
+        say(terminal, f"{len(chosen)} universes of {len(every)} in the design{taken}")
         errors = run_missing(tasks_of(chosen), options.config, store, terminal)
         lock.verify()
         collected = results.collect(options.config, design, every, tasks, store)
+        collected = add(collected, reusable) if reusable else collected
         problem, written = None, True
         try:
             failed = {failure.universe for failure in collected.failures}
@@ -146,11 +171,17 @@ def _evaluations(configs: dict[str, Config], only: str | None) -> Variants:
 
 
 def _print_plan(
-    options: Options, design: Design, selected: Sequence[Universe], configs: dict[str, Config]
+    options: Options,
+    design: Design,
+    selected: Sequence[Universe],
+    configs: dict[str, Config],
+    reusable: "Reusable | None",
 ) -> int:
     """Print the choices, a line for each universe, and the stages with an estimate of the time."""
     terminal, store = console(), Store(options.out / "work")
-    variants = _evaluations({u.name: configs[u.name] for u in selected}, options.only)
+    reused = reusable.names if reusable else {}
+    due_configs = {u.name: configs[u.name] for u in selected if u.name not in reused}
+    variants = _evaluations(due_configs, options.only)
     for choice in design.choices:
         counts = Counter(universe.values[choice.name] for universe in selected)
         listed = ", ".join(f"{value} ({counts[value]})" for value in choice.values)
@@ -159,6 +190,9 @@ def _print_plan(
     due = [task for task in tasks if store.reason_to_run(task) is not None]
     waiting, planned = set(due), set[Task]()
     for universe in selected:
+        if universe.name in reused:
+            say(terminal, f"{universe.name:36} taken from {options.reuse}")
+            continue
         needed = tasks_of({universe.name: variants[universe.name]})
         missing = waiting.intersection(needed)
         new = missing - planned

@@ -9,6 +9,7 @@ import pandas as pd
 
 from study.common.errors import BadInput, StudyError
 from study.common.files import read_json, replacing, write_json
+from study.config.convert import by_dotted_name
 from study.multiverse.design import Choice, Design, Exclusion, Universe
 
 FORMAT = 2
@@ -40,7 +41,8 @@ class Multiverse:
         cells: a row for each cell of each universe, with its mean scores, β and KL divergence.
         repeats: the same for the base readings with further training seeds.
         failures: the cells without scores because a stage failed.
-        facts: settings that all universes share, and versions.
+        facts: settings that all universes share, versions, and the universes that were reused, see
+            `study.results.reuse`.
     """
 
     design: Design
@@ -61,6 +63,11 @@ class Multiverse:
     def values(self) -> dict[str, Mapping[str, str]]:
         """The values of every universe."""
         return {universe.name: universe.values for universe in self.universes}
+
+    def settings(self, universe: Universe) -> dict[str, Any]:
+        """The settings of a universe by dotted name, without the further seeds."""
+        shared = by_dotted_name(self.facts["settings"])
+        return shared | self.design.settings(universe.values)
 
 
 def facts_of(multiverse: Multiverse) -> dict[str, Any]:

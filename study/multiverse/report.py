@@ -80,6 +80,12 @@ def _counts(multiverse: Multiverse) -> str:
     )
     if len(multiverse.scored) < len(multiverse.universes):
         text += " **The design is not complete: all shares are of these universes.**"
+    if reused := multiverse.facts.get("reused"):
+        versions = sorted({f"{name} {v}" for other in reused.values() for name, v in other.items()})
+        made = f", made with {', '.join(versions)}" if versions else ""
+        text += (
+            f" {len(reused)} of them have results that were taken from another multiverse{made}."
+        )
     return f"{text} {training_seeds(seeds)}; {basis(seeds)}." if seeds else text
 
 

@@ -1,18 +1,16 @@
 """Join multiverses of one design that ran different universes, such as on two machines."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from study.common.errors import BadInput
 from study.config.convert import by_dotted_name
 from study.config.grid import Cell
 from study.metrics.tables.table import CELL
 from study.multiverse import folder
-from study.multiverse.folder import Failure, Multiverse
+from study.multiverse.folder import Multiverse
+from study.multiverse.merge import merge, rows
 from study.results import multiverse
 from study.results.join import check_checksums, check_folders, different_names, whole_folder
 
@@ -39,7 +37,7 @@ def join(folders: Sequence[Path], out: Path) -> None:
         for path, earlier in zip(folders, parts[:number], strict=False):
             if different := _differences(earlier, part):
                 raise BadInput(f"join: {path} and {folders[number]} differ in {different}")
-    joined = _joined(parts)
+    joined = merge(parts)
     with whole_folder(out) as partial:
         folder.write(joined, partial)
         multiverse.render(joined, partial)
@@ -54,7 +52,7 @@ def _differences(first: Multiverse, second: Multiverse) -> str:
         return f"their cells: only one has {', '.join(names)}"
     for name in second.scored:
         for table in ("effects", "cells"):
-            old, new = (_rows(getattr(part, table), name) for part in (first, second))
+            old, new = (rows(getattr(part, table), name) for part in (first, second))
             if name in first.scored and not old.equals(new):
                 return f"the results of the universe {name}"
     return ""
@@ -72,41 +70,7 @@ def _named(value: Any) -> Any:
 
 def _cells(part: Multiverse) -> set[str]:
     """The names of the cells that have run, or failed, in any universe."""
-    rows = part.cells[list(CELL)].drop_duplicates()
-    return {Cell(*row).name for row in rows.itertuples(index=False)} | {
+    found = part.cells[list(CELL)].drop_duplicates()
+    return {Cell(*row).name for row in found.itertuples(index=False)} | {
         failure.cell for failure in part.failures
     }
-
-
-def _rows(table: pd.DataFrame, universe: str) -> pd.DataFrame:
-    return table[table["universe"] == universe].reset_index(drop=True)
-
-
-def _joined(parts: Sequence[Multiverse]) -> Multiverse:
-    """All results, in the order of the universes."""
-    names = [universe.name for universe in parts[0].universes]
-    # Universes share cells, so a part may have some cells of a universe that another part ran. A
-    # universe that failed in one part may have run in another.
-    owner = {
-        name: max(parts, key=lambda part: (name in part.scored, len(_rows(part.repeats, name))))
-        for name in names
-    }
-
-    def joined(table: str) -> pd.DataFrame:
-        of_each = (_rows(getattr(owner[name], table), name) for name in names)
-        return pd.concat(list(of_each), ignore_index=True)
-
-    return replace(
-        parts[0],
-        effects=joined("effects"),
-        cells=joined("cells"),
-        repeats=joined("repeats"),
-        failures=[failure for name in names for failure in _failures(parts, owner[name], name)],
-    )
-
-
-def _failures(parts: Sequence[Multiverse], owner: Multiverse, universe: str) -> list[Failure]:
-    """The failures of a universe: those of its part, or of all parts if none has scores."""
-    sources = [owner] if universe in owner.scored else parts
-    found = (failure for part in sources for failure in part.failures)
-    return list(dict.fromkeys(f for f in found if f.universe == universe))

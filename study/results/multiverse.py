@@ -126,7 +126,8 @@ def is_own(out: Path) -> bool:
     """Whether the tables of a folder were written from the stages in its own ``work/``."""
     try:
         tables = read_json(out / STATE)["tables"]
-        return all(sha256(out / name) == tables[name] for name in folder.FILES)
+        unchanged = all(sha256(out / name) == tables[name] for name in folder.FILES)
+        return unchanged and "reused" not in read_json(out / folder.FACTS)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

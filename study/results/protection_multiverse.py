@@ -6,19 +6,16 @@ remove the others, so it is refused. A run of all of them, with the same setting
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 from study.common.errors import StudyError
-from study.config.convert import by_dotted_name
 from study.config.settings import Config
 from study.multiverse import folder
 from study.multiverse.design import Universe
 from study.multiverse.folder import Multiverse
 from study.results.multiverse import STATE, Tasks, is_own
 from study.results.protection import differing_settings, dotted_settings, would_be_lost
+from study.results.reuse import SEEDS
 from study.workflow.store import Store
-
-SEEDS = "grid.seeds"
 
 
 def why_refused(
@@ -32,7 +29,8 @@ def why_refused(
 
     Args:
         configs: the settings of all universes of the design, by name.
-        computed: the names of the universes that the run computes, or has computed, with all cells.
+        computed: the names of the universes that the run computes, or has computed, or takes from
+            another multiverse, with all cells.
         tasks: of all cells of all universes.
         store: the folders of the tasks. A universe that is complete there can be published again.
         out: the results folder.
@@ -66,8 +64,7 @@ def _different_settings(
     """The settings in which a universe differs from that of the same name in another design."""
     if universe.name not in configs:
         return ["multiverse"]
-    old: dict[str, Any] = by_dotted_name(present.facts["settings"])
-    old |= present.design.settings(universe.values)
+    old = present.settings(universe)
     new = dotted_settings(configs[universe.name])
     seeds = set(old[SEEDS])
     if universe.kind == "base":
