@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from paper_figs.formatting import NOTHING
+from paper_figs.formatting import NOTHING, number
+from paper_figs.pages import order_tables
 from paper_figs.pages.claim_tables import Claims, of_the_paper
 from paper_figs.pages.marks import pipe_table
-from study.claims.judge import Status
+from paper_figs.pages.order_tables import CLAIMS, ENVIRONMENTS, LEVELS, contrast_with
 from study.common.files import read_json
-from study.config.names import FULL, MLP, MODELS, RESIDUAL, label
+from study.config.names import FULL, MLP, MODELS, label
 from study.multiverse import folder
 from study.multiverse.choices import each_alone, influence_on, strongest_choice
 from study.multiverse.design import RANDOM
@@ -25,10 +26,7 @@ from study.multiverse.influence import Influence
 from study.multiverse.one_way import OneWay
 from study.multiverse.report import counts_by_kind
 
-ORDERS = {"MMD²": "mmd-residual-lowest", "Brier score": "brier-order"}
-"""The claims on the order of the models, by the metric."""
 NOT_RUN = "The multiverse has not been run: `python -m study.run multiverse`."
-ENVIRONMENTS, LEVELS = ("pusher", "uav"), ("low", "high")
 
 
 def tables(results: Path) -> dict[str, Callable[[], str]]:
@@ -42,9 +40,10 @@ def tables(results: Path) -> dict[str, Callable[[], str]]:
     found = cache(lambda: folder.read(path))
     written = {
         "readings": lambda: readings(read_json(results / "paper" / "claims.json"), found()),
-        "orders": lambda: orders(found()),
+        **order_tables.tables(found),
         "deciding": lambda: deciding(found()),
         "spread": lambda: spread(found()),
+        "base-readings": lambda: base_readings(found()),
         "changes": lambda: changes(found(), "study"),
         "changes-as-written": lambda: changes(found(), "as_written"),
     }
@@ -75,41 +74,6 @@ def readings(claims: Claims, results: Multiverse) -> str:
     return f"{count}\n\n{pipe_table(heads, rows, align='---')}"
 
 
-def orders(results: Multiverse) -> str:
-    """In how many readings the residual VAE is better, and worse, than each of the other two.
-
-    A column has the readings around one base reading, or those with random values. An entry such as
-    `14 / 1` counts the contrasts that hold and those that are contradicted, see
-    `study.claims.claim.Rule`.
-
-    Args:
-        results: of the multiverse.
-    """
-    group_of = {universe.name: universe.group for universe in results.universes}
-    count = pd.Series(group_of)[results.scored].value_counts()
-    groups = [group for group in (*results.design.bases, RANDOM) if group in count.index]
-    effects = results.effects.assign(group=results.effects["universe"].map(group_of))
-    effects = effects[effects["effect"].notna()].set_index(["claim", "contrast", "group"])
-    rows = []
-    for metric, environment, level in product(ORDERS, ENVIRONMENTS, LEVELS):
-        claim = f"{ORDERS[metric]}-{environment}-{level}"
-        row = [f"{metric}, {label(environment)}, {label(level)}"]
-        for other, group in product((FULL, MLP), groups):
-            at = (claim, f"{label(other)} minus {label(RESIDUAL)}", group)
-            row.append(_count(effects["status"].get(at, pd.Series(dtype=str))))
-        if set(row[1:]) != {NOTHING}:
-            rows.append(row)
-    names = [f"{label(group)} ({count[group]})" for group in groups]
-    others = (f"than the {label(other)}: {name}" for other in (FULL, MLP) for name in names)
-    return pipe_table(["residual VAE better / worse", *others], rows)
-
-
-def _count(status: "pd.Series[str]") -> str:
-    if status.empty:
-        return NOTHING
-    return f"{(status == Status.HOLDS).sum()} / {(status == Status.CONTRADICTED).sum()}"
-
-
 def deciding(results: Multiverse) -> str:
     """What a regression on the choices explains of the advantage of the residual VAE.
 
@@ -122,9 +86,9 @@ def deciding(results: Multiverse) -> str:
         results: of the multiverse.
     """
     rows = []
-    for other, metric, environment, level in product((FULL, MLP), ORDERS, ENVIRONMENTS, LEVELS):
-        claim = f"{ORDERS[metric]}-{environment}-{level}"
-        of = (results, claim, f"{label(other)} minus {label(RESIDUAL)}")
+    for other, metric, environment, level in product((FULL, MLP), CLAIMS, ENVIRONMENTS, LEVELS):
+        claim = f"{CLAIMS[metric]}-{environment}-{level}"
+        of = (results, claim, contrast_with(other))
         found = influence_on(*of)
         if found is not None:
             where = f"over the {label(other)}: {metric}, {label(environment)}, {label(level)}"
@@ -174,6 +138,26 @@ def spread(results: Multiverse) -> str:
         if set(row[1:]) != {NOTHING}:
             rows.append(row)
     return pipe_table(["MMD²: median (quartiles)", *map(label, MODELS)], rows)
+
+
+def base_readings(results: Multiverse) -> str:
+    """MMD² of each model in each base reading.
+
+    Args:
+        results: of the multiverse.
+    """
+    bases = [base for base in results.design.bases if base in results.scored]
+    means = results.cells.groupby(["environment", "level", "model", "universe"])["mmd2"].mean()
+    rows = []
+    for environment, level in product(ENVIRONMENTS, LEVELS):
+        entries = [
+            number(means.get((environment, level, model, base)))
+            for model, base in product(MODELS, bases)
+        ]
+        if set(entries) != {NOTHING}:
+            rows.append([f"{label(environment)}, {label(level)}", *entries])
+    heads = [f"{label(model)}: {label(base)}" for model, base in product(MODELS, bases)]
+    return pipe_table(["MMD²", *heads], rows)
 
 
 def changes(results: Multiverse, base: str, level: str = "low") -> str:

@@ -41,6 +41,9 @@ LABELS = {
     MLP_ENSEMBLE: "probabilistic ensemble†",
     ORACLE: "oracle",
     ENSEMBLE: "ensemble alone",
+    # Choices of the multiverse.
+    "beta": "β",
+    "mlp_loss": "MLP loss",
 }
 
 

@@ -22,6 +22,7 @@ from study.multiverse.design import RANDOM
 from study.multiverse.effects import curve
 from tests.helpers.multiverse import multiverse
 from tests.paper_figs.known_scores import SAMPLES
+from tests.paper_figs.pipe_tables import pipe_cells
 
 RESULTS = Path(__file__).parents[2] / "results"
 PAGE = (
@@ -29,18 +30,6 @@ PAGE = (
     "<!-- table: two -->\n<!-- end -->\n"
 )
 NAMES = {text: name for name, text in LABELS.items()}
-
-
-def _cells(table: str) -> dict[tuple[str, str], str]:
-    """The entries of a pipe table, by row and column."""
-    heads, _, *rows = (
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in table.splitlines()
-        if line.startswith("|")
-    )
-    return {
-        (row[0], head): cell for row in rows for head, cell in zip(heads[1:], row[1:], strict=True)
-    }
 
 
 def test_blocks_are_replaced_and_nothing_else() -> None:
@@ -88,7 +77,7 @@ def test_the_variance_ratio_is_that_of_the_tables_of_scores(forecast_results: Pa
 @pytest.mark.parametrize(("table", "metric"), [("brier", "brier"), ("mmd", "mmd2")])
 def test_scores_are_means_over_seeds(table: str, metric: str) -> None:
     """Compared with the averages that the study stored, which the tables do not read."""
-    entries = _cells(study_tables.tables(RESULTS)[table]())
+    entries = pipe_cells(study_tables.tables(RESULTS)[table]())
     scores = pd.read_parquet(RESULTS / "paper" / "scores.parquet")
     stored = scores[(scores.step == -1) & (scores.scenario == -1) & (scores.dimension == "all")]
     for (row, head), entry in entries.items():
@@ -116,7 +105,7 @@ def test_differences_are_over_the_seeds_that_both_models_have() -> None:
 
 
 def test_the_best_of_the_papers_models_is_bold() -> None:
-    entries = _cells(study_tables.tables(RESULTS)["mmd"]())
+    entries = pipe_cells(study_tables.tables(RESULTS)["mmd"]())
     for row in {row for row, _ in entries}:
         means = {
             name: float(entry.strip("*"))
@@ -134,7 +123,7 @@ def test_verdicts_are_counted(tmp_path: Path) -> None:
     verdicts = [("IV-A", "partly"), ("IV-A", "reproduced"), ("IV-B", "partly"), ("ours", "partly")]
     claims = [{"section": section, "verdict": verdict} for section, verdict in verdicts]
     (tmp_path / "paper" / "claims.json").write_text(json.dumps(claims))
-    counts = _cells(claim_tables.tables(tmp_path)["verdicts"]())
+    counts = pipe_cells(claim_tables.tables(tmp_path)["verdicts"]())
     rows = ["**the paper's claims**", "Pusher (section IV-A)", "UAV (section IV-B)"]
     assert [counts[row, "partly"] for row in rows] == ["2", "1", "1"]
     assert [counts[row, "reproduced"] for row in rows] == ["1", "1", "0"]
@@ -146,7 +135,7 @@ def test_the_readings_are_those_of_the_multiverse() -> None:
     claims = [{"id": c.id, "section": c.section, "text": c.text} for c in (first, fifth)]
     table = multiverse_tables.readings(claims, results)
     assert fifth.text not in table
-    cells = _cells(table)
+    cells = pipe_cells(table)
     row = f"[{first.text}](../multiverse/figures/specification_{first.id}.png)"
     found = curve(results.effects, first.id).set_index("universe")["verdict"]
     share = (found == "not reproduced").mean()
@@ -171,7 +160,7 @@ def test_the_changes_are_relative_to_the_base_reading() -> None:
     cells.loc[changed, "mmd2"] *= 1.5
     others = [cells.assign(level="high", mmd2=9.0), cells.assign(seed=1)]
     results = replace(results, cells=pd.concat([cells, *others], ignore_index=True))
-    table = _cells(multiverse_tables.changes(results, "study"))
+    table = pipe_cells(multiverse_tables.changes(results, "study"))
     assert table["target: state", "residual VAE, Pusher"] == "1.50"
     assert table["target: state", "probabilistic MLP, Pusher"] == "—"  # the same number
     assert table["target: state", "full VAE, Pusher"] == "failed"  # there is none
@@ -187,7 +176,7 @@ def test_what_the_choices_explain() -> None:
     results = replace(results, effects=effects.assign(contrast=contrast))
     found = influence_on(results, first.id, contrast)
     assert found is not None
-    table = _cells(multiverse_tables.deciding(results))
+    table = pipe_cells(multiverse_tables.deciding(results))
     row = "over the full VAE: MMD², Pusher, low epistemic"
     assert {name for name, _ in table} == {row}
     assert table[row, "all choices"] == f"{found.explained:.0%}"
@@ -208,13 +197,28 @@ def test_the_spread_is_over_the_readings() -> None:
     cells = results.cells[results.cells["model"] == RESIDUAL].reset_index(drop=True)
     cells["mmd2"] = np.arange(len(cells)) / 10
     both = pd.concat([cells, cells.assign(environment="uav", mmd2=1.0)])
-    table = _cells(multiverse_tables.spread(replace(results, cells=both)))
+    table = pipe_cells(multiverse_tables.spread(replace(results, cells=both)))
     first, median, third = np.quantile(cells["mmd2"], [0.25, 0.5, 0.75])
     entry = f"{median:.3f} ({first:.3f} to {third:.3f})"
     assert table["Pusher, low epistemic", "residual VAE"] == entry
     assert table["UAV, low epistemic", "residual VAE"] == "1.000 (1.000 to 1.000)"
     assert table["UAV, low epistemic", "full VAE"] == "—"
     assert {row for row, _ in table} == {"Pusher, low epistemic", "UAV, low epistemic"}
+
+
+def test_the_scores_of_the_base_readings() -> None:
+    results = multiverse()
+    cells = results.cells.copy()
+    cells.loc[cells["universe"] == "as_written", "mmd2"] = 0.25
+    table = pipe_cells(multiverse_tables.base_readings(replace(results, cells=cells)))
+    assert {row for row, _ in table} == {"Pusher, low epistemic"}
+    row = {head: entry for (_, head), entry in table.items()}
+    for model, (study, as_written) in {
+        "residual VAE": ("0.100", "0.250"),
+        "full VAE": ("—", "—"),
+        "probabilistic MLP": ("0.100", "0.250"),
+    }.items():
+        assert (row[f"{model}: study"], row[f"{model}: as written"]) == (study, as_written)
 
 
 def test_a_benchmark_that_was_not_run_says_so(tmp_path: Path) -> None:
@@ -235,7 +239,7 @@ def test_the_table_of_a_benchmark(tmp_path: Path) -> None:
     record = {"machine": machine, "rows": rows}
     (folder / "training.json").write_text(json.dumps(record))
     text = benchmark_tables.tables(tmp_path)["training"]()
-    cells = _cells(text)
+    cells = pipe_cells(text)
     assert cells["quick, full VAE", "transitions / s"] == "1,234"
     assert cells["quick, full VAE", "× torch.nn"] == "2.06 (1.90–2.20)"
     assert text.endswith("some processor, 2 cores, Linux.")
@@ -244,29 +248,7 @@ def test_the_table_of_a_benchmark(tmp_path: Path) -> None:
 def test_the_table_of_a_cluster() -> None:
     row = {"loss": 0.05, "stages": 10_000, "workers": 256, "lost": 512, "busy": 0.914}
     row |= {"wasted": 0.03, "scheduler_ms": 0.06, "worker_ms": 5.4, "our_share": 0.00015}
-    cells = _cells(benchmark_tables.cluster([row]))
+    cells = pipe_cells(benchmark_tables.cluster([row]))
     assert cells["5%", "stages on workers"] == "10,000 on 256"
     assert cells["5%", "workers busy"] == "91%"
     assert cells["5%", "both, of the workers' time"] == "0.01%"
-
-
-def test_the_order_of_the_models_is_counted_by_the_readings_around_a_base() -> None:
-    results = multiverse(random=24)
-    claim = "mmd-residual-lowest-uav-high"
-    effects = results.effects[results.effects["claim"] == results.effects["claim"].iloc[0]]
-    effects = effects[effects["decisive"]].assign(
-        claim=claim, contrast="full VAE minus residual VAE", status="undecided"
-    )
-    effects.loc[effects["universe"].isin(["study", "study/beta=one"]), "status"] = "holds"
-    effects.loc[effects["universe"] == "study/beta=low", "status"] = "contradicted"
-    table = _cells(multiverse_tables.orders(replace(results, effects=effects)))
-    assert {row for row, _ in table} == {"MMD², UAV, high epistemic"}
-    near = [name for name in results.scored if name.startswith("study")]
-    assert table["MMD², UAV, high epistemic", f"than the full VAE: study ({len(near)})"] == "2 / 1"
-    random = [name for name in results.scored if name.startswith("random")]
-    column = f"than the full VAE: random values ({len(random)})"
-    assert table["MMD², UAV, high epistemic", column] == "0 / 0"
-    assert (
-        table["MMD², UAV, high epistemic", f"than the probabilistic MLP: study ({len(near)})"]
-        == "—"
-    )
