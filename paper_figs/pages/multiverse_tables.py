@@ -96,16 +96,17 @@ def deciding(results: Multiverse) -> str:
             rows.append([where, f"{found.explained:.0%}", alone, _added(found), random])
     if not rows:
         return "Too few readings have been run to tell the choices apart."
-    heads = ["advantage of the residual VAE", "all choices", "the best choice alone"]
-    heads += ["added to the others", "the best choice with random values"]
+    heads = ["advantage of the residual VAE", "all choices", "largest share, alone"]
+    heads += ["added to the others", "largest share, random values"]
     return pipe_table(heads, rows, align="---")
 
 
 def _best(alone: Mapping[str, OneWay], *, marked: bool = False) -> str:
     """The choice with the largest share; if it is to be marked, in bold where significant."""
-    if not alone:
+    choice = max(alone, key=lambda name: alone[name].share, default=None)
+    if choice is None or not alone[choice].share:
         return NOTHING
-    choice, best = max(alone.items(), key=lambda item: item[1].share)
+    best = alone[choice]
     text = f"{label(choice)} {best.share:.0%}"
     return f"**{text}**" if marked and best.is_significant else text
 

@@ -1,7 +1,7 @@
 """Command `multiverse`: judge the claims in many readings of the paper."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -33,8 +33,9 @@ DETAILS = """\
 The file of settings, configs/multiverse.yaml by default, has the open choices of the paper in its
 part `multiverse`. A universe has one value of each choice. Universes share stages; a stopped
 multiverse continues where it stopped; after a new value or choice, only what is new runs. Parts
-that ran on several machines are joined: see `join --help`. With --reuse, universes that another
-multiverse has with the same settings do not run: their results are taken from there.
+that ran on several machines are joined: see `join --help`. With --reuse, universes of the design
+that another multiverse has with the same settings and cells do not run: their results are taken
+from there, also with --universes. The code of the study is not compared.
 OUT gets README.md, choices.md, multiverse.json, effects.parquet, cells.parquet, repeats.parquet,
 figures/ and recordings/multiverse.rrd.
 
@@ -66,7 +67,9 @@ class Options(StudyOptions):
     universes: Annotated[str | None, Flag("universes whose name matches, such as 'random-*'")] = (
         None
     )
-    reuse: Annotated[Path | None, Flag("results folder of a multiverse: take what it has")] = None
+    reuse: Annotated[Path | None, Flag("multiverse whose results of equal universes are taken")] = (
+        None
+    )
 
 
 def run(options: Options) -> int:
@@ -80,7 +83,7 @@ def run(options: Options) -> int:
     configs = {
         universe.name: config_of_universe(options.config, design, universe) for universe in every
     }
-    reusable = _reusable(options, configs)
+    reusable = _reusable(options, design, configs)
     if options.what == "plan":
         return _print_plan(options, design, selected, configs, reusable)
     check_writable(options.out)
@@ -102,7 +105,7 @@ def select(every: Sequence[Universe], pattern: str | None) -> list[Universe]:
     return chosen
 
 
-def _reusable(options: Options, configs: dict[str, Config]) -> "Reusable | None":
+def _reusable(options: Options, design: Design, configs: Mapping[str, Config]) -> "Reusable | None":
     """The results to take from another multiverse."""
     from study.results.reuse import find
 
@@ -110,7 +113,9 @@ def _reusable(options: Options, configs: dict[str, Config]) -> "Reusable | None"
         return None
     if options.only is not None:
         raise BadInput("--reuse: takes whole universes; leave out --only")
-    return find(options.reuse, configs, _evaluations(configs, None))
+    if options.reuse.resolve() == options.out.resolve():
+        raise BadInput(f"--reuse: {options.reuse} is the results folder; give another --out")
+    return find(options.reuse, options.config, design, configs)
 
 
 def _run(
@@ -125,23 +130,23 @@ def _run(
     from study.results.protection_multiverse import why_refused
     from study.results.reuse import add
 
-    reused = reusable.names if reusable else {}
     out, terminal = options.out, console()
     tasks = _evaluations(configs, options.only)
-    chosen = {u.name: tasks[u.name] for u in selected if u.name not in reused}
     create(out)
     store = Store(out / "work")
+    taken = _taken(reusable, tasks, store)
+    chosen = {u.name: tasks[u.name] for u in selected if u.name not in taken}
     all_cells = tasks if options.only is None else _evaluations(configs, None)
 
     def why_not(computed: Collection[str]) -> str | None:
         with_all_cells = computed if options.only is None else ()
         return why_refused(configs, with_all_cells, all_cells, store, out)
 
-    if refused := why_not({*chosen, *reused}):
+    if refused := why_not({*chosen, *taken}):
         raise BadInput(f"--out: {refused}; give another --out")
     with locked(out) as lock:
-        taken = f"; {len(reused)} are taken from {options.reuse}" if reused else ""
-        say(terminal, f"{len(chosen)} universes of {len(every)} in the design{taken}")
+        others = f"; {len(taken)} are taken from {options.reuse}" if taken else ""
+        say(terminal, f"{len(chosen)} universes of {len(every)} in the design{others}")
         errors = run_missing(tasks_of(chosen), options.config, store, terminal)
         lock.verify()
         collected = results.collect(options.config, design, every, tasks, store)
@@ -164,6 +169,15 @@ def _run(
     return 1 if errors or problem else 0
 
 
+def _taken(reusable: "Reusable | None", tasks: Variants, store: Store) -> set[str]:
+    """The universes whose results are taken, since they are not complete here."""
+    return {
+        name
+        for name in (reusable.names if reusable else ())
+        if any(store.reason_to_run(task) is not None for task in tasks.get(name, {}).values())
+    }
+
+
 def _evaluations(configs: dict[str, Config], only: str | None) -> Variants:
     from study.workflow.pipeline import Pipeline
 
@@ -179,18 +193,17 @@ def _print_plan(
 ) -> int:
     """Print the choices, a line for each universe, and the stages with an estimate of the time."""
     terminal, store = console(), Store(options.out / "work")
-    reused = reusable.names if reusable else {}
-    due_configs = {u.name: configs[u.name] for u in selected if u.name not in reused}
-    variants = _evaluations(due_configs, options.only)
+    variants = _evaluations({u.name: configs[u.name] for u in selected}, options.only)
+    taken = _taken(reusable, variants, store)
     for choice in design.choices:
         counts = Counter(universe.values[choice.name] for universe in selected)
         listed = ", ".join(f"{value} ({counts[value]})" for value in choice.values)
         say(terminal, f"{choice.name:16} {listed}")
-    tasks = tasks_of(variants)
+    tasks = tasks_of({name: each for name, each in variants.items() if name not in taken})
     due = [task for task in tasks if store.reason_to_run(task) is not None]
     waiting, planned = set(due), set[Task]()
     for universe in selected:
-        if universe.name in reused:
+        if universe.name in taken:
             say(terminal, f"{universe.name:36} taken from {options.reuse}")
             continue
         needed = tasks_of({universe.name: variants[universe.name]})

@@ -25,13 +25,15 @@ Each value of a choice is compared with the first value of the choice.
 - *Rank*: the same for the rank of the effect among the universes, in percent of their number. A
   universe in which a model diverges has a large effect, but a rank like any other.
 - *Share*: of the variance of the ranks, what the regression loses without the choice, corrected
-  for chance (ε²). In bold: it is significant.
+  for chance (ε²). In bold: it is significant (F test at the level 0.05, with a Bonferroni
+  correction for the choices of a table, and none for the number of claims).
 - *Alone*: what the choice explains without the others (ε²). Choices that differ together between
   the base readings occur together in most universes. They explain much alone, and add little to
   each other: then the regression cannot tell which of them decides.
-- *Random: rank* and *random: alone*: over the universes with random values alone. There, choices
-  do not occur together, but for the excluded combinations. The difference of mean ranks, and the
-  share. In bold: it is significant.
+- *Random: rank* and *random: alone*: only over the universes with random values. There, values
+  are assigned independently, except for the excluded combinations, though some choices are
+  correlated by chance. The difference of mean ranks, in percent of the number of these universes,
+  and the share without the other choices. In bold: it is significant.
 - *At* a base reading: the change of the effect when that reading is changed in this choice alone.
   If two base readings differ, the choice interacts with others.
 

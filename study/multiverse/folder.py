@@ -17,6 +17,9 @@ FACTS = "multiverse.json"
 EFFECTS, CELLS, REPEATS = "effects.parquet", "cells.parquet", "repeats.parquet"
 FILES = (FACTS, EFFECTS, CELLS, REPEATS)
 """All results. Pages, figures and the recording are made from them."""
+REUSED = "reused"
+"""The entry of the facts with the universes whose results were taken from another multiverse: for
+each, the versions of packages there that differ from those of the run."""
 AGAIN = "run `python -m study.run multiverse` first, or name another folder"
 
 
@@ -41,8 +44,7 @@ class Multiverse:
         cells: a row for each cell of each universe, with its mean scores, β and KL divergence.
         repeats: the same for the base readings with further training seeds.
         failures: the cells without scores because a stage failed.
-        facts: settings that all universes share, versions, and the universes that were reused, see
-            `study.results.reuse`.
+        facts: settings that all universes share, versions, and maybe `REUSED`.
     """
 
     design: Design
@@ -151,6 +153,12 @@ def read(folder: Path) -> Multiverse:
         for table in (effects, cells, repeats):
             table["universe"]
         facts = {**facts, "settings": dict(facts["settings"]), "versions": dict(facts["versions"])}
+        if REUSED in facts:
+            facts[REUSED] = {name: dict(other) for name, other in facts[REUSED].items()}
+        for universe in universes:
+            design.settings(universe.values)
+        for failure in failures:
+            hash(failure)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise StudyError(f"the multiverse in {folder} is damaged ({reason}): {AGAIN}") from None

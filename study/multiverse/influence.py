@@ -132,7 +132,7 @@ def influence(
             columns.items(), of_effect, of_rank, strict=True
         )
     ]
-    explained = max(1 - error * (count - 1) / total, 0.0) if total else 0.0
+    explained = max(1 - error * (count - 1) / total, 0.0) if total > TINY else 0.0
     return Influence(finite, tuple(found), shares, p_values, explained)
 
 

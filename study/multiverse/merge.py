@@ -1,11 +1,12 @@
 """Merge multiverses of one design that have results of different universes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pandas as pd
 
-from study.multiverse.folder import Failure, Multiverse
+from study.multiverse.folder import REUSED, Failure, Multiverse
 
 
 def rows(table: pd.DataFrame, universe: str) -> pd.DataFrame:
@@ -13,30 +14,23 @@ def rows(table: pd.DataFrame, universe: str) -> pd.DataFrame:
     return table[table["universe"] == universe].reset_index(drop=True)
 
 
-def owners(parts: Sequence[Multiverse]) -> dict[str, Multiverse]:
-    """The part that gives the results of each universe: the one with the most, or the first.
-
-    Universes share cells, so a part may have some cells of a universe that another part ran. A
-    universe that failed in one part may have run in another.
-
-    Args:
-        parts: multiverses with the same universes.
-    """
-
-    def extent(part: Multiverse, name: str) -> tuple[bool, int]:
-        return name in part.scored, len(rows(part.repeats, name))
-
-    names = [universe.name for universe in parts[0].universes]
-    return {name: max(parts, key=lambda part: extent(part, name)) for name in names}
-
-
 def merge(parts: Sequence[Multiverse]) -> Multiverse:
     """All results, in the order of the universes, with the facts of the first part.
+
+    The results of a universe are those of the part with most of its cells, then with most cells of
+    further seeds, then of the first such part. Universes share cells, so a part may have some cells
+    of a universe that another part ran, and a universe that failed in one part may have run in
+    another.
 
     Args:
         parts: multiverses with the same design and universes.
     """
-    owner = owners(parts)
+
+    def extent(part: Multiverse, name: str) -> tuple[int, int]:
+        return len(rows(part.cells, name)), len(rows(part.repeats, name))
+
+    names = [universe.name for universe in parts[0].universes]
+    owner = {name: max(parts, key=lambda part: extent(part, name)) for name in names}
 
     def merged(table: str) -> pd.DataFrame:
         of_each = (rows(getattr(part, table), name) for name, part in owner.items())
@@ -48,7 +42,16 @@ def merge(parts: Sequence[Multiverse]) -> Multiverse:
         cells=merged("cells"),
         repeats=merged("repeats"),
         failures=[failure for name in owner for failure in _failures(parts, owner[name], name)],
+        facts=_facts(parts[0], owner),
     )
+
+
+def _facts(first: Multiverse, owner: Mapping[str, Multiverse]) -> dict[str, Any]:
+    """The facts of the first part, with the universes that were reused in any part."""
+    facts = {name: value for name, value in first.facts.items() if name != REUSED}
+    every = {name: part.facts.get(REUSED, {}) for name, part in owner.items()}
+    reused = {name: of_part[name] for name, of_part in every.items() if name in of_part}
+    return facts | ({REUSED: reused} if reused else {})
 
 
 def _failures(parts: Sequence[Multiverse], owner: Multiverse, universe: str) -> list[Failure]:

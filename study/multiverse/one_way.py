@@ -4,8 +4,9 @@ The effects are replaced by their ranks, as in `study.multiverse.influence`, so 
 a model diverges counts like any other.
 
 Over all universes, choices that differ together between the base readings occur together, so each
-of them explains what the others explain too. Over the universes with random values, the choices are
-independent but for the excluded combinations. There the share of a choice is its own.
+of them explains what the others explain too. Over the universes with random values, values are
+assigned independently, except for the excluded combinations. But with few universes some choices
+are correlated by chance, so a part of a share can be due to another choice.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from study.multiverse.design import Choice, Values
 
 SIGNIFICANCE = 0.05
 TINY = 1e-12
-"""Smallest sum of squares of ranks, and smallest mean squared error, that is not rounding."""
+"""Sums of squares and mean squared errors of ranks below it are rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -32,23 +33,20 @@ class OneWay:
             what a choice without effect explains by chance, and at least 0: ε² of Kelley (1935),
             which is the adjusted R².
         p_value: of the F test.
-        ranks: the mean rank with a value minus that with the first value, as a share of all
-            universes, by value.
-        choices: number of choices that are analysed.
+        ranks: the mean rank with a value minus that with the first value of the choice, as a share
+            of all universes, by value. It is empty if no universe has the first value.
+        level: of significance: `SIGNIFICANCE`, divided by the number of choices (Bonferroni).
     """
 
     share: float
     p_value: float
     ranks: Mapping[str, float]
-    choices: int
+    level: float
 
     @property
     def is_significant(self) -> bool:
-        """Whether the share is not due to chance, by the F test.
-
-        The level is `SIGNIFICANCE`, divided by the number of choices (Bonferroni).
-        """
-        return self.p_value < SIGNIFICANCE / self.choices
+        """Whether the share is not due to chance, by the F test."""
+        return self.p_value < self.level
 
 
 def one_way(
@@ -69,11 +67,12 @@ def one_way(
         chosen = np.array([values[str(name)][choice.name] for name in finite.index], dtype=object)
         groups = {value: ranks[chosen == value] for value in choice.values if value in chosen}
         if 1 < len(groups) < len(finite):
-            grouped[choice.name] = groups
-    return {name: _analyse(groups, len(grouped)) for name, groups in grouped.items()}
+            grouped[choice.name] = choice.default, groups
+    level = SIGNIFICANCE / max(len(grouped), 1)
+    return {name: _analyse(groups, first, level) for name, (first, groups) in grouped.items()}
 
 
-def _analyse(groups: Mapping[str, Doubles], choices: int) -> OneWay:
+def _analyse(groups: Mapping[str, Doubles], first: str, level: float) -> OneWay:
     ranks = np.concatenate(list(groups.values()))
     means = {value: float(group.mean()) for value, group in groups.items()}
     total = float(((ranks - ranks.mean()) ** 2).sum())
@@ -83,5 +82,5 @@ def _analyse(groups: Mapping[str, Doubles], choices: int) -> OneWay:
     share = max(total - within - between * error, 0.0) / total if total > TINY else 0.0
     ratio = (total - within) / between / max(error, TINY)
     p_value = float(stats.f.sf(ratio, between, freedom))
-    first, *others = means
-    return OneWay(share, p_value, {value: means[value] - means[first] for value in others}, choices)
+    changes = {v: means[v] - means[first] for v in means if v != first} if first in means else {}
+    return OneWay(share, p_value, changes, level)

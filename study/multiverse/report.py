@@ -13,7 +13,7 @@ from study.metrics.intervals import basis, training_seeds
 from study.multiverse.choices import DASH, choices_page, claims_of, strongest_choice
 from study.multiverse.design import Choice, Universe
 from study.multiverse.effects import VERDICTS, curve, shares
-from study.multiverse.folder import Multiverse
+from study.multiverse.folder import REUSED, Multiverse
 from study.multiverse.one_way import SIGNIFICANCE
 
 KINDS = {
@@ -80,12 +80,10 @@ def _counts(multiverse: Multiverse) -> str:
     )
     if len(multiverse.scored) < len(multiverse.universes):
         text += " **The design is not complete: all shares are of these universes.**"
-    if reused := multiverse.facts.get("reused"):
+    if reused := multiverse.facts.get(REUSED):
         versions = sorted({f"{name} {v}" for other in reused.values() for name, v in other.items()})
-        made = f", made with {', '.join(versions)}" if versions else ""
-        text += (
-            f" {len(reused)} of them have results that were taken from another multiverse{made}."
-        )
+        made = f", which was run with {', '.join(versions)}" if versions else ""
+        text += f" The results of {len(reused)} universes were taken from another multiverse{made}."
     return f"{text} {training_seeds(seeds)}; {basis(seeds)}." if seeds else text
 
 

@@ -9,13 +9,13 @@ from study.config.convert import by_dotted_name
 from study.config.grid import Cell
 from study.metrics.tables.table import CELL
 from study.multiverse import folder
-from study.multiverse.folder import Multiverse
+from study.multiverse.folder import REUSED, Multiverse
 from study.multiverse.merge import merge, rows
 from study.results import multiverse
 from study.results.join import check_checksums, check_folders, different_names, whole_folder
 
-MAY_DIFFER = ("failures", "settings.name")
-"""Entries of ``multiverse.json``."""
+MAY_DIFFER = ("failures", "settings.name", REUSED)
+"""Beginnings of the names of entries of ``multiverse.json``."""
 
 
 def join(folders: Sequence[Path], out: Path) -> None:
@@ -46,7 +46,7 @@ def join(folders: Sequence[Path], out: Path) -> None:
 def _differences(first: Multiverse, second: Multiverse) -> str:
     """What keeps two multiverses from being joined; empty if nothing does."""
     facts = (by_dotted_name(_named(folder.facts_of(part))) for part in (first, second))
-    if names := [name for name in different_names(*facts) if name not in MAY_DIFFER]:
+    if names := [name for name in different_names(*facts) if not name.startswith(MAY_DIFFER)]:
         return ", ".join(names)
     if names := sorted(_cells(first) ^ _cells(second)):
         return f"their cells: only one has {', '.join(names)}"

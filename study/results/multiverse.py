@@ -99,7 +99,8 @@ def _by_seed(
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """The table of cells from its rows."""
-    types = {"seed": "int64", **dict.fromkeys((*METRICS, *DIAGNOSTICS), "float64")}
+    numbers = {"seed": "int64", **dict.fromkeys((*METRICS, *DIAGNOSTICS), "float64")}
+    types = dict.fromkeys(COLUMNS, "str") | numbers
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(types)
 
 
@@ -123,11 +124,10 @@ def publish(multiverse: Multiverse, out: Path) -> bool:
 
 
 def is_own(out: Path) -> bool:
-    """Whether the tables of a folder were written from the stages in its own ``work/``."""
+    """Whether the tables of a folder were written by a run with its own ``work/``."""
     try:
         tables = read_json(out / STATE)["tables"]
-        unchanged = all(sha256(out / name) == tables[name] for name in folder.FILES)
-        return unchanged and "reused" not in read_json(out / folder.FACTS)
+        return all(sha256(out / name) == tables[name] for name in folder.FILES)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

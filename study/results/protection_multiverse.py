@@ -11,7 +11,7 @@ from study.common.errors import StudyError
 from study.config.settings import Config
 from study.multiverse import folder
 from study.multiverse.design import Universe
-from study.multiverse.folder import Multiverse
+from study.multiverse.folder import REUSED, Multiverse
 from study.results.multiverse import STATE, Tasks, is_own
 from study.results.protection import differing_settings, dotted_settings, would_be_lost
 from study.results.reuse import SEEDS
@@ -35,7 +35,7 @@ def why_refused(
         store: the folders of the tasks. A universe that is complete there can be published again.
         out: the results folder.
     """
-    if not (out / folder.FACTS).is_file() or is_own(out):
+    if not (out / folder.FACTS).is_file():
         return None
     try:
         present = folder.read(out)
@@ -44,7 +44,9 @@ def why_refused(
         if (out / STATE).is_file() or set(computed) >= set(configs):
             return None
         return f"the results in {out} would be lost, and cannot be read ({error})"
-    scored = [u for u in present.universes if u.name in set(present.scored)]
+    # The stages of a universe that was reused are elsewhere.
+    protected = set(present.facts.get(REUSED, {}) if is_own(out) else present.scored)
+    scored = [u for u in present.universes if u.name in protected]
     differing = {u.name: _different_settings(present, u, configs) for u in scored}
     lost = [
         universe.name
