@@ -31,6 +31,7 @@ from study.claims.claim import Claim, Rule
 from study.claims.judge import CLAIMS, Outcome
 from study.common.arrays import Doubles
 from study.common.errors import BadInput
+from study.config.names import label
 from study.multiverse.design import Choice
 from study.multiverse.effects import curve, judged, shares
 from study.multiverse.folder import FACTS, Multiverse, read
@@ -232,7 +233,7 @@ def _name_choice(axes: Axes, choice: Choice, row: float) -> None:
     axes.text(
         1.005,
         row,
-        choice.name.replace("_", " "),
+        label(choice.name),
         transform=axes.get_yaxis_transform(),
         va="center",
         fontsize=6,
@@ -246,7 +247,7 @@ def _mark_bases(above: Axes, below: Axes, rows: pd.DataFrame, multiverse: Multiv
             for axes in (above, below):
                 axes.axvline(position, color="black", linewidth=0.5, alpha=0.5, zorder=0)
             above.annotate(
-                base.replace("_", " "),
+                label(base),
                 (position, 1.0),
                 xycoords=above.get_xaxis_transform(),
                 xytext=(2, -1),
