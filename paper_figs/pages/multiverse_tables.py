@@ -96,8 +96,8 @@ def deciding(results: Multiverse) -> str:
             rows.append([where, f"{found.explained:.0%}", alone, _added(found), random])
     if not rows:
         return "Too few readings have been run to tell the choices apart."
-    heads = ["advantage of the residual VAE", "all choices", "largest share, alone"]
-    heads += ["added to the others", "largest share, random values"]
+    heads = ["advantage of the residual VAE", "all choices", "largest share: one choice"]
+    heads += ["significant shares, given the others", "largest share: one choice, random values"]
     return pipe_table(heads, rows, align="---")
 
 

@@ -94,7 +94,7 @@ def paper_order(results: Multiverse) -> str:
 
 
 def lowest(results: Multiverse) -> str:
-    """In how many readings each model has the lowest mean MMD² of the three.
+    """In how many readings each model has the lowest mean score of the three.
 
     Args:
         results: of the multiverse.
@@ -105,7 +105,7 @@ def lowest(results: Multiverse) -> str:
         return " / ".join(str((best == model).sum()) for model in MODELS)
 
     head = f"lowest: {' / '.join(map(label, MODELS))}"
-    return _by_group(results, head, (MMD,), entry)
+    return _by_group(results, head, (MMD, BRIER), entry)
 
 
 def _by_group(
@@ -162,12 +162,12 @@ def by_full_vae(results: Multiverse) -> str:
 
 
 def turning(results: Multiverse) -> str:
-    """The single changes of a base reading with which the other VAE has the lower MMD².
+    """The single changes of a base reading after which the other VAE is ahead by MMD².
 
     Args:
         results: of the multiverse.
     """
-    ahead = {"holds": f"{label(RESIDUAL)} ahead", "contradicted": f"{label(FULL)} ahead"}
+    ahead = {"holds": label(RESIDUAL), "contradicted": label(FULL)}
     rows = []
     for base, environment, level in product(results.design.bases, ENVIRONMENTS, LEVELS):
         status = _statuses(results, environment, level)
@@ -179,10 +179,13 @@ def turning(results: Multiverse) -> str:
         for other, words in ahead.items():
             changes = [u for u in singles if status[u.name] == other != status[base]]
             if changes:
-                turned.append(f"{words} ({len(changes)} of {len(singles)}): {_listed(changes)}")
+                turned.append(
+                    f"{words} ahead ({len(changes)} of {len(singles)}): {_listed(changes)}"
+                )
         where = f"{label(base)}: {label(environment)}, {label(level)}"
-        rows.append([where, ahead.get(status[base], "undecided"), "; ".join(turned) or NOTHING])
-    return pipe_table(["base reading", "by MMD²", "otherwise with one change"], rows, align="---")
+        rows.append([where, ahead.get(status[base], "neither"), "; ".join(turned) or NOTHING])
+    heads = ["base reading", "ahead in the base reading", "changes that reverse it"]
+    return pipe_table(heads, rows, align="---")
 
 
 def _listed(changes: Sequence[Universe]) -> str:

@@ -48,7 +48,7 @@ examples
   python -m study.run multiverse
   python -m study.run multiverse --universes 'as_written*' --out results/readings
   python -m study.run multiverse --grid.seeds '[0, 1]' --engine.workers 8
-  python -m study.run multiverse --config mine.yaml --reuse results/multiverse --out results/mine"""
+  python -m study.run multiverse --reuse results/multiverse --out results/mine"""
 
 
 @dataclass(frozen=True, kw_only=True)

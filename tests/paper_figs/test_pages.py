@@ -183,10 +183,12 @@ def test_what_the_choices_explain() -> None:
     every, random = (
         each_alone(results, first.id, contrast, group)["forecast"] for group in (None, RANDOM)
     )
-    assert table[row, "largest share, alone"] == f"forecast {every.share:.0%}"
+    assert table[row, "largest share: one choice"] == f"forecast {every.share:.0%}"
     assert random.is_significant
-    assert table[row, "largest share, random values"] == f"**forecast {random.share:.0%}**"
-    added = table[row, "added to the others"]
+    assert (
+        table[row, "largest share: one choice, random values"] == f"**forecast {random.share:.0%}**"
+    )
+    added = table[row, "significant shares, given the others"]
     assert added.startswith(f"forecast {found.shares['forecast']:.0%}, ")
     assert "features" not in added  # it adds nothing
     assert multiverse_tables.deciding(multiverse(random=0)).startswith("Too few readings")
