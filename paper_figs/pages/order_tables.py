@@ -167,7 +167,7 @@ def turning(results: Multiverse) -> str:
     Args:
         results: of the multiverse.
     """
-    ahead = {"holds": label(RESIDUAL), "contradicted": label(FULL)}
+    ahead: dict[str, str] = {Status.HOLDS: label(RESIDUAL), Status.CONTRADICTED: label(FULL)}
     rows = []
     for base, environment, level in product(results.design.bases, ENVIRONMENTS, LEVELS):
         status = _statuses(results, environment, level)

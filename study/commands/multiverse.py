@@ -171,11 +171,10 @@ def _run(
 
 def _taken(reusable: "Reusable | None", tasks: Variants, store: Store) -> set[str]:
     """The universes whose results are taken, since they are not complete here."""
-    return {
-        name
-        for name in (reusable.names if reusable else ())
-        if any(store.reason_to_run(task) is not None for task in tasks.get(name, {}).values())
-    }
+    from study.results.protection_multiverse import is_complete
+
+    names = reusable.names if reusable else ()
+    return {name for name in names if name in tasks and not is_complete(name, tasks, store)}
 
 
 def _evaluations(configs: dict[str, Config], only: str | None) -> Variants:

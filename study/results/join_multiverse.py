@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from study.common.errors import BadInput
 from study.config.convert import by_dotted_name
 from study.config.grid import Cell
@@ -70,7 +72,10 @@ def _named(value: Any) -> Any:
 
 def _cells(part: Multiverse) -> set[str]:
     """The names of the cells that have run, or failed, in any universe."""
-    found = part.cells[list(CELL)].drop_duplicates()
-    return {Cell(*row).name for row in found.itertuples(index=False)} | {
-        failure.cell for failure in part.failures
-    }
+    return {*cell_names(part.cells), *(failure.cell for failure in part.failures)}
+
+
+def cell_names(table: pd.DataFrame) -> frozenset[str]:
+    """The names of the cells in a table."""
+    found = table[list(CELL)].drop_duplicates()
+    return frozenset(Cell(*row).name for row in found.itertuples(index=False))

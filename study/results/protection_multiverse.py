@@ -53,7 +53,7 @@ def why_refused(
         for universe in scored
         if not (
             (universe.name in computed and not differing[universe.name])
-            or _is_complete(universe.name, tasks, store)
+            or is_complete(universe.name, tasks, store)
         )
     ]
     names = sorted({setting for name in lost for setting in differing[name]})
@@ -76,5 +76,12 @@ def _different_settings(
     return differing_settings(old, new)
 
 
-def _is_complete(name: str, tasks: Tasks, store: Store) -> bool:
+def is_complete(name: str, tasks: Tasks, store: Store) -> bool:
+    """Whether all cells of a universe are evaluated in the store.
+
+    Args:
+        name: of the universe.
+        tasks: of all cells of the universes.
+        store: the folders of the tasks.
+    """
     return name in tasks and all(store.reason_to_run(task) is None for task in tasks[name].values())

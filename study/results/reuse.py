@@ -15,10 +15,9 @@ import pandas as pd
 
 from study.claims.judge import CLAIMS
 from study.common.errors import BadInput, StudyError
-from study.config.grid import Cell, cells
+from study.config.grid import cells
 from study.config.recorded import recorded_of
 from study.config.settings import Config
-from study.metrics.tables.table import CELL
 from study.multiverse import folder
 from study.multiverse.design import Design
 from study.multiverse.folder import REUSED, Multiverse
@@ -26,6 +25,7 @@ from study.multiverse.merge import merge, rows
 from study.results import multiverse
 from study.results.folder import STUDY
 from study.results.join import check_checksums
+from study.results.join_multiverse import cell_names
 from study.results.protection import differing_settings, dotted_settings
 
 SEEDS = "grid.seeds"
@@ -162,10 +162,4 @@ def _expected(config: Config, further: set[int]) -> Cells:
 
 def _cells_of(source: Multiverse, universe: str) -> Cells:
     """The cells that have scores in a universe."""
-    judged, further = (
-        frozenset(
-            Cell(*row).name for row in rows(table, universe)[list(CELL)].itertuples(index=False)
-        )
-        for table in (source.cells, source.repeats)
-    )
-    return judged, further
+    return cell_names(rows(source.cells, universe)), cell_names(rows(source.repeats, universe))
